@@ -1,0 +1,3 @@
+//! Flexor's command line.
+
+fn main() {}

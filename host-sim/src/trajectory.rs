@@ -1,0 +1,128 @@
+//! Where the tip shall be: a straight line, travelled from rest to rest.
+
+/// Rest-to-rest profiles `s(x)`, `x` and `s` from 0 to 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Profile {
+    /// The paper's polynomial of degree 11, whose first five derivatives vanish at
+    /// both ends.
+    Poly11,
+}
+
+impl Profile {
+    /// `s` and its first two derivatives at `x`, brought into [0, 1].
+    pub fn at(self, x: f64) -> [f64; 3] {
+        let x = x.clamp(0.0, 1.0);
+        match self {
+            Self::Poly11 => {
+                /// Coefficients of x^6 to x^11.
+                const C: [f64; 6] = [462.0, -1980.0, 3465.0, -3080.0, 1386.0, -252.0];
+                let horner = |weight: fn(f64) -> f64| {
+                    (0..6)
+                        .rev()
+                        .fold(0.0, |sum, i| sum * x + C[i] * weight(i as f64 + 6.0))
+                };
+                let x4 = x * x * x * x;
+                [
+                    horner(|_| 1.0) * x4 * x * x,
+                    horner(|k| k) * x4 * x,
+                    horner(|k| k * (k - 1.0)) * x4,
+                ]
+            }
+        }
+    }
+}
+
+/// Position, velocity and acceleration of the tip, m, m/s, m/s^2, inertial axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TipMotion {
+    /// Position.
+    pub position: [f64; 2],
+    /// Velocity.
+    pub velocity: [f64; 2],
+    /// Acceleration.
+    pub acceleration: [f64; 2],
+}
+
+/// A straight line travelled in a given time, at rest before and after.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Line {
+    /// Start, m.
+    pub from: [f64; 2],
+    /// End, m.
+    pub to: [f64; 2],
+    /// Time from start to end, s.
+    pub duration: f64,
+    /// How the way is travelled.
+    pub profile: Profile,
+}
+
+impl Line {
+    /// The tip's motion at time `t`, s after the start; at rest outside the duration.
+    pub fn at(&self, t: f64) -> TipMotion {
+        let [s, ds, dds] = self.profile.at(t / self.duration);
+        let way = [self.to[0] - self.from[0], self.to[1] - self.from[1]];
+        TipMotion {
+            position: [self.from[0] + way[0] * s, self.from[1] + way[1] * s],
+            velocity: way.map(|w| w * ds / self.duration),
+            acceleration: way.map(|w| w * dds / (self.duration * self.duration)),
+        }
+    }
+
+    /// Length of the way, m.
+    pub fn length(&self) -> f64 {
+        (self.to[0] - self.from[0]).hypot(self.to[1] - self.from[1])
+    }
+
+    /// Share of the way, 0 to 1, at which the line is nearest to the origin (joint 1).
+    pub fn nearest_share(&self) -> f64 {
+        let way = [self.to[0] - self.from[0], self.to[1] - self.from[1]];
+        let along = -(self.from[0] * way[0] + self.from[1] * way[1]);
+        (along / (way[0] * way[0] + way[1] * way[1])).clamp(0.0, 1.0)
+    }
+
+    /// Time, s, at which the given share of the way, 0 to 1, is reached.
+    pub fn time_of_share(&self, share: f64) -> f64 {
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..60 {
+            let middle = 0.5 * (low + high);
+            if self.profile.at(middle)[0] < share {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        high * self.duration
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn the_profile_starts_and_ends_at_rest() {
+        assert_eq!(Profile::Poly11.at(0.0), [0.0, 0.0, 0.0]);
+        let [s, ds, dds] = Profile::Poly11.at(1.0);
+        assert!((s - 1.0).abs() < 1e-12 && ds.abs() < 1e-11 && dds.abs() < 1e-10);
+        assert_eq!(Profile::Poly11.at(-3.0), [0.0, 0.0, 0.0]);
+    }
+
+    proptest! {
+        #[test]
+        fn derivatives_are_derivatives_and_the_profile_is_symmetric(x in 0.01..0.99_f64) {
+            let h = 1e-5;
+            let at = |x| Profile::Poly11.at(x);
+            prop_assert!(((at(x + h)[0] - at(x - h)[0]) / (2.0 * h) - at(x)[1]).abs() < 1e-7);
+            prop_assert!(((at(x + h)[1] - at(x - h)[1]) / (2.0 * h) - at(x)[2]).abs() < 1e-6);
+            prop_assert!((at(x)[0] + at(1.0 - x)[0] - 1.0).abs() < 1e-11);
+        }
+
+        #[test]
+        fn times_and_shares_belong_together(share in 0.001..0.999_f64) {
+            let line = Line { from: [0.7, 0.05], to: [0.2, 0.05], duration: 2.0, profile: Profile::Poly11 };
+            let t = line.time_of_share(share);
+            prop_assert!((line.at(t).position[0] - (0.7 - 0.5 * share)).abs() < 1e-12);
+        }
+    }
+}

@@ -1,0 +1,163 @@
+//! The last gate before the drives: torque-rate limit, torque limit, finite check.
+//!
+//! Whatever comes in, the torques that leave are finite and within the limits. A
+//! limit in action is reported as [`Limiting`] so that the integrator upstream can
+//! stop; an undefined torque is a [`Fault`], latched by the controller.
+
+use crate::number::Number;
+use core::fmt;
+
+/// Whether, and on which side, a torque is being limited.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Limiting {
+    /// Not at a limit.
+    #[default]
+    No,
+    /// More torque (towards +) was asked for than is given.
+    FromAbove,
+    /// Less torque (towards -) was asked for than is given.
+    FromBelow,
+}
+
+impl Limiting {
+    /// How `given` limits `wanted`.
+    #[inline]
+    pub fn of<T: Number>(wanted: T, given: T) -> Self {
+        if wanted > given {
+            Self::FromAbove
+        } else if wanted < given {
+            Self::FromBelow
+        } else {
+            Self::No
+        }
+    }
+
+    /// This limit, or the `other` where this one is not active.
+    #[inline]
+    pub fn or(self, other: Self) -> Self {
+        if self == Self::No { other } else { self }
+    }
+}
+
+/// Why the controller gave up. Numbers are stable: logs and links carry them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Fault {
+    /// A measurement was NaN or infinite.
+    MeasurementNotFinite = 1,
+    /// A torque was NaN or infinite at the last gate.
+    TorqueNotFinite = 2,
+}
+
+impl Fault {
+    /// Stable name in snake case, as `summary.json` shows it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::MeasurementNotFinite => "measurement_not_finite",
+            Self::TorqueNotFinite => "torque_not_finite",
+        }
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Limits per joint, f64 SI.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LimitParameters {
+    /// Largest torque magnitude, N m.
+    pub torque_nm: [f64; 2],
+    /// Largest torque rate magnitude, N m/s.
+    pub torque_rate_nm_s: [f64; 2],
+}
+
+/// The limits in the tick's number type.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Guard<T> {
+    torque: [T; 2],
+    step: [T; 2],
+}
+
+impl<T: Number> Guard<T> {
+    /// The limits at `tick_rate_hz`.
+    pub fn new(limits: &LimitParameters, tick_rate_hz: u32) -> Self {
+        Self {
+            torque: limits.torque_nm.map(T::from_f64),
+            step: limits
+                .torque_rate_nm_s
+                .map(|rate| T::from_f64(rate / f64::from(tick_rate_hz))),
+        }
+    }
+
+    /// Brings `wanted` within the rate limit around `previous` (where there is one)
+    /// and the torque limit. Says for each joint how it was limited.
+    ///
+    /// # Errors
+    /// [`Fault::TorqueNotFinite`] if the result is not finite; no torque must be
+    /// given then.
+    #[inline]
+    pub fn limit(
+        &self,
+        previous: Option<[T; 2]>,
+        wanted: [T; 2],
+    ) -> Result<([T; 2], [Limiting; 2]), Fault> {
+        let mut given = wanted;
+        for (joint, torque) in given.iter_mut().enumerate() {
+            if let Some(previous) = previous {
+                let step = self.step[joint];
+                *torque = torque.limited(previous[joint] - step, previous[joint] + step);
+            }
+            *torque = torque.limited(-self.torque[joint], self.torque[joint]);
+            if !torque.is_finite() {
+                return Err(Fault::TorqueNotFinite);
+            }
+        }
+        let limiting = [0, 1].map(|joint| Limiting::of(wanted[joint], given[joint]));
+        Ok((given, limiting))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn guard() -> Guard<f32> {
+        let limits = LimitParameters {
+            torque_nm: [20.0, 2.0],
+            torque_rate_nm_s: [1000.0, 500.0],
+        };
+        Guard::new(&limits, 1000)
+    }
+
+    #[test]
+    fn limits_are_reported_on_their_side() {
+        let (torque, limiting) = guard().limit(None, [25.0, -3.0]).unwrap();
+        assert_eq!(torque, [20.0, -2.0]);
+        assert_eq!(limiting, [Limiting::FromAbove, Limiting::FromBelow]);
+        let (torque, limiting) = guard().limit(Some([0.0, 0.0]), [0.5, 0.7]).unwrap();
+        assert_eq!(torque, [0.5, 0.5]);
+        assert_eq!(limiting, [Limiting::No, Limiting::FromAbove]);
+    }
+
+    proptest! {
+        #[test]
+        fn whatever_leaves_is_finite_and_within_limits(
+            a: f32, b: f32, p in -20.0..20.0_f32, q in -2.0..2.0_f32,
+        ) {
+            match guard().limit(Some([p, q]), [a, b]) {
+                Ok((torque, _)) => {
+                    prop_assert!(torque[0].abs() <= 20.0 && torque[1].abs() <= 2.0);
+                    prop_assert!((torque[0] - p).abs() <= 1.000_01 && (torque[1] - q).abs() <= 0.500_01);
+                }
+                Err(fault) => {
+                    prop_assert_eq!(fault, Fault::TorqueNotFinite);
+                    prop_assert!(a.is_nan() || b.is_nan());
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,393 @@
+//! The control law, eq. 18-20: feedforward torques plus direct feedback of contact
+//! force and root slope rate.
+//!
+//! ```text
+//! tau1 = tau1_d + s1 u
+//! tau2 = tau2_d + s2 u - K_w (w'0_rate [- planned w'0_rate])
+//! u    = K_DF de_f/dt + K_PF e_f + K_IF integral(e_f)        e_f = f_d - f
+//! ```
+//!
+//! `s1` and `s2` turn a force along the surface normal into joint torques. With the
+//! normal's direction `phi` the Jacobian's transpose gives
+//! `s2 = r2 sin(phi - theta20)` and `s1 = r1 sin(phi - theta10) + s2`; for the
+//! paper's horizontal surface, phi = pi/2, the sines are the cosines of eq. 20. The
+//! paper prints `s2 = r1 cos theta10`, which changes sign along its own path and
+//! makes the integrator unstable there.
+//!
+//! **Force filter.** Force error and its derivative pass one first-order low-pass
+//! with corner `omega`, discretised by backward Euler:
+//! `x_k = x_{k-1} + a (e_k - x_{k-1})`, `a = omega T / (1 + omega T)`. `K_PF` acts on
+//! `x_k` and `K_DF` on `(x_k - x_{k-1}) / T`, which is the filtered error's
+//! derivative; `K_IF` acts on `e_k` itself. Without a corner, `a = 1`.
+//!
+//! **Slope rate filter.** The slope rate passes a filter of the same kind before `K_w`.
+//! A root without hub inertia follows torque so fast that a sampled `K_w` large enough
+//! to damp the contact mode (some 5 Hz) makes the root itself unstable; a corner
+//! between the two keeps both.
+//!
+//! **Anti-windup.** An increment of the integral is taken back when it pushed a joint
+//! farther into *any* limit behind the law: torque limit, torque-rate limit or a
+//! drive that reports that it limits. The law therefore runs in two steps,
+//! [`Law::propose`] and, when the limits have spoken, [`Law::settle`].
+//!
+//! Coefficients ([`Law`]) and state ([`LawState`]) are apart, so a state can be
+//! reset, copied or compared without touching the gains.
+
+use crate::arm::{ArmParameters, Kinematics};
+use crate::guard::Limiting;
+use crate::number::Number;
+use crate::table::Reference;
+use crate::trig;
+
+/// How a force along the surface normal becomes joint torques.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ForceProjection {
+    /// By the Jacobian's transpose, for any surface normal.
+    #[default]
+    JacobianTranspose,
+    /// With the printed s2 of eq. 20, `r1 sin(phi - theta10)`.
+    AsPrinted,
+}
+
+/// What the root slope rate feedback acts on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SlopeRateFeedback {
+    /// On the deviation from the planned rate.
+    #[default]
+    Deviation,
+    /// On the rate itself, as printed; that brakes the planned motion too.
+    AsPrinted,
+}
+
+/// Gains and options of the law, in f64 SI units: what `controller.toml` says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LawParameters {
+    /// K_DF, gain on the force error's derivative, s.
+    pub force_derivative_s: f64,
+    /// K_PF, gain on the force error, dimensionless.
+    pub force_proportional: f64,
+    /// K_IF, gain on the force error's integral, 1/s.
+    pub force_integral_per_s: f64,
+    /// K_w, gain on the root slope rate, N m s/rad.
+    pub slope_rate_nms_rad: f64,
+    /// Corner of the force filter, Hz; `None` for no filter.
+    pub force_filter_hz: Option<f64>,
+    /// Corner of the slope rate filter, Hz; `None` for no filter.
+    pub slope_rate_filter_hz: Option<f64>,
+    /// How force becomes torque.
+    pub force_projection: ForceProjection,
+    /// What K_w acts on.
+    pub slope_rate_feedback: SlopeRateFeedback,
+    /// False leaves the feedforward torques out (the paper's figure 5).
+    pub feedforward: bool,
+}
+
+impl LawParameters {
+    /// Feedforward alone: all gains zero (the paper's figures 3 and 4).
+    pub const FEEDFORWARD: Self = Self {
+        force_derivative_s: 0.0,
+        force_proportional: 0.0,
+        force_integral_per_s: 0.0,
+        slope_rate_nms_rad: 0.0,
+        force_filter_hz: None,
+        slope_rate_filter_hz: None,
+        force_projection: ForceProjection::JacobianTranspose,
+        slope_rate_feedback: SlopeRateFeedback::Deviation,
+        feedforward: true,
+    };
+}
+
+/// What the sensors say at a tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Measurement<T> {
+    /// Angles (theta10, theta20) of link 1 and of link 2's chord, rad.
+    pub angle: [T; 2],
+    /// Slope of link 2 at its root against the chord, w'(0), rad.
+    pub root_slope: T,
+    /// Its rate, rad/s.
+    pub root_slope_rate: T,
+    /// Contact force along the surface normal, pressing positive, N.
+    pub force: T,
+    /// What the two drives report about the torque they could not give.
+    pub drive: [Limiting; 2],
+}
+
+impl<T: Number> Measurement<T> {
+    /// True when every number is finite.
+    pub fn is_finite(&self) -> bool {
+        self.angle[0].is_finite()
+            && self.angle[1].is_finite()
+            && self.root_slope.is_finite()
+            && self.root_slope_rate.is_finite()
+            && self.force.is_finite()
+    }
+}
+
+/// The law's coefficients in the tick's number type.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Law<T> {
+    link1_length: T,
+    link2_length: T,
+    derivative_per_tick: T,
+    proportional: T,
+    integral_per_tick: T,
+    slope_rate: T,
+    force_filter: T,
+    slope_rate_filter: T,
+    projection: ForceProjection,
+    slope_rate_feedback: SlopeRateFeedback,
+    feedforward: T,
+}
+
+/// What the law remembers from tick to tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LawState<T> {
+    /// Filtered force error, N; `None` before the first tick, which must not
+    /// differentiate the step from nothing.
+    pub filtered_error: Option<T>,
+    /// K_IF times the force error's integral, N.
+    pub integral: T,
+    /// Filtered root slope rate that K_w acts on, rad/s; `None` before the first tick.
+    pub filtered_slope_rate: Option<T>,
+}
+
+/// Torques that the law asks for, before any limit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Proposal<T> {
+    /// (tau1, tau2), N m.
+    pub torque: [T; 2],
+    /// (s1, s2), m.
+    pub projection: [T; 2],
+    /// What this tick added to the integral, N.
+    pub increment: T,
+}
+
+impl<T: Number> Law<T> {
+    /// Coefficients for `arm` at `tick_rate_hz`.
+    pub fn new(parameters: &LawParameters, arm: &ArmParameters, tick_rate_hz: u32) -> Self {
+        let rate = f64::from(tick_rate_hz);
+        let filter = |corner_hz: Option<f64>| {
+            corner_hz.map_or(1.0, |corner| {
+                let angle = core::f64::consts::TAU * corner / rate;
+                angle / (1.0 + angle)
+            })
+        };
+        let Kinematics {
+            link1_length,
+            link2_length,
+        } = Kinematics::<f64>::new(arm);
+        Self {
+            link1_length: T::from_f64(link1_length),
+            link2_length: T::from_f64(link2_length),
+            derivative_per_tick: T::from_f64(parameters.force_derivative_s * rate),
+            proportional: T::from_f64(parameters.force_proportional),
+            integral_per_tick: T::from_f64(parameters.force_integral_per_s / rate),
+            slope_rate: T::from_f64(parameters.slope_rate_nms_rad),
+            force_filter: T::from_f64(filter(parameters.force_filter_hz)),
+            slope_rate_filter: T::from_f64(filter(parameters.slope_rate_filter_hz)),
+            projection: parameters.force_projection,
+            slope_rate_feedback: parameters.slope_rate_feedback,
+            feedforward: if parameters.feedforward {
+                T::ONE
+            } else {
+                T::ZERO
+            },
+        }
+    }
+
+    /// Torques for a measurement, and the integral's increment, already part of the
+    /// state and of the torques.
+    #[inline]
+    pub fn propose(
+        &self,
+        state: &mut LawState<T>,
+        reference: &Reference<T>,
+        measured: &Measurement<T>,
+    ) -> Proposal<T> {
+        let error = reference.force - measured.force;
+        let before = state.filtered_error.unwrap_or(error);
+        let filtered = before + self.force_filter * (error - before);
+        let increment = self.integral_per_tick * error;
+        state.filtered_error = Some(filtered);
+        state.integral += increment;
+        let correction = self.derivative_per_tick * (filtered - before)
+            + self.proportional * filtered
+            + state.integral;
+
+        let lever1 = self.link1_length * trig::sin(reference.normal_angle - measured.angle[0]);
+        let lever2 = self.link2_length * trig::sin(reference.normal_angle - measured.angle[1]);
+        let s2 = match self.projection {
+            ForceProjection::JacobianTranspose => lever2,
+            ForceProjection::AsPrinted => lever1,
+        };
+        let projection = [lever1 + lever2, s2];
+
+        let slope_rate = match self.slope_rate_feedback {
+            SlopeRateFeedback::Deviation => measured.root_slope_rate - reference.root_slope_rate,
+            SlopeRateFeedback::AsPrinted => measured.root_slope_rate,
+        };
+        let before = state.filtered_slope_rate.unwrap_or(slope_rate);
+        let slope_rate = before + self.slope_rate_filter * (slope_rate - before);
+        state.filtered_slope_rate = Some(slope_rate);
+        Proposal {
+            torque: [
+                self.feedforward * reference.torque[0] + projection[0] * correction,
+                self.feedforward * reference.torque[1] + projection[1] * correction
+                    - self.slope_rate * slope_rate,
+            ],
+            projection,
+            increment,
+        }
+    }
+
+    /// Tells the law which joints were limited in this tick. Takes the integral's
+    /// increment back when it pushed any of them farther into its limit.
+    #[inline]
+    pub fn settle(&self, state: &mut LawState<T>, proposal: &Proposal<T>, limiting: [Limiting; 2]) {
+        let pushed = |joint: usize| match limiting[joint] {
+            Limiting::No => false,
+            Limiting::FromAbove => proposal.projection[joint] * proposal.increment > T::ZERO,
+            Limiting::FromBelow => proposal.projection[joint] * proposal.increment < T::ZERO,
+        };
+        if pushed(0) || pushed(1) {
+            state.integral -= proposal.increment;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arm::Elbow;
+    use core::f64::consts::FRAC_PI_2;
+
+    const ARM: ArmParameters = ArmParameters {
+        link1_length_m: 0.5,
+        link1_mass_kg: 8.0,
+        link2_length_m: 0.55,
+        link2_mass_kg: 0.24,
+        bending_stiffness_nm2: 0.48,
+        damping_ratio: 0.05,
+        root_inertia_kgm2: 0.0,
+        tip_mass_kg: 0.0,
+        tip_inertia_kgm2: 0.0,
+        gravity_m_s2: [0.0, 9.81],
+        elbow: Elbow::Down,
+    };
+    const GAINS: LawParameters = LawParameters {
+        force_derivative_s: 0.01,
+        force_proportional: 0.5,
+        force_integral_per_s: 4.0,
+        slope_rate_nms_rad: 0.1,
+        ..LawParameters::FEEDFORWARD
+    };
+
+    fn reference() -> Reference<f64> {
+        Reference {
+            torque: [-3.0, 0.3],
+            force: 2.0,
+            angle: [0.9, -0.7],
+            root_slope: 0.17,
+            root_slope_rate: 0.05,
+            normal_angle: FRAC_PI_2,
+        }
+    }
+
+    fn measured(force: f64) -> Measurement<f64> {
+        Measurement {
+            angle: [0.95, -0.72],
+            root_slope: 0.17,
+            root_slope_rate: 0.25,
+            force,
+            drive: [Limiting::No; 2],
+        }
+    }
+
+    #[test]
+    fn without_error_the_feedforward_passes_unchanged() {
+        let law = Law::new(&LawParameters::FEEDFORWARD, &ARM, 5000);
+        let proposal = law.propose(&mut LawState::default(), &reference(), &measured(-7.0));
+        assert_eq!(proposal.torque, [-3.0, 0.3]);
+    }
+
+    #[test]
+    fn each_term_is_that_of_equations_18_to_20() {
+        let law = Law::new(&GAINS, &ARM, 1000);
+        let mut state = LawState::default();
+        law.propose(&mut state, &reference(), &measured(1.5)); // e = 0.5
+        let p = law.propose(&mut state, &reference(), &measured(1.4)); // e = 0.6
+        let u = 0.01 * (0.1 / 1e-3) + 0.5 * 0.6 + 4.0 * (0.5 + 0.6) * 1e-3;
+        let (c1, c2) = (libm::cos(0.95), libm::cos(-0.72));
+        let (s1, s2) = (0.5 * c1 + 0.55 * c2, 0.55 * c2);
+        assert!((p.projection[0] - s1).abs() < 1e-8 && (p.projection[1] - s2).abs() < 1e-8);
+        assert!((p.torque[0] - (-3.0 + s1 * u)).abs() < 1e-7);
+        assert!((p.torque[1] - (0.3 + s2 * u - 0.1 * 0.2)).abs() < 1e-7);
+    }
+
+    #[test]
+    fn the_printed_variants_can_be_had() {
+        let printed = LawParameters {
+            force_projection: ForceProjection::AsPrinted,
+            slope_rate_feedback: SlopeRateFeedback::AsPrinted,
+            ..GAINS
+        };
+        let p = Law::new(&printed, &ARM, 1000).propose(
+            &mut LawState::default(),
+            &reference(),
+            &measured(1.5),
+        );
+        assert!((p.projection[1] - 0.5 * libm::cos(0.95)).abs() < 1e-8);
+        let u = 0.5 * 0.5 + 4.0 * 0.5e-3;
+        assert!((p.torque[1] - (0.3 + p.projection[1] * u - 0.1 * 0.25)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_first_tick_does_not_differentiate_a_step() {
+        let only_derivative = LawParameters {
+            force_proportional: 0.0,
+            force_integral_per_s: 0.0,
+            slope_rate_nms_rad: 0.0,
+            ..GAINS
+        };
+        let law = Law::new(&only_derivative, &ARM, 5000);
+        let p = law.propose(&mut LawState::default(), &reference(), &measured(-50.0));
+        assert_eq!(p.torque, [-3.0, 0.3]);
+    }
+
+    #[test]
+    fn the_filter_has_the_stated_corner() {
+        // A step of the error is followed as 1 - exp(-omega t), to the order of the step.
+        let corner = 10.0;
+        let filtered = LawParameters {
+            force_filter_hz: Some(corner),
+            ..GAINS
+        };
+        let law = Law::new(&filtered, &ARM, 100_000);
+        let mut state = LawState::default();
+        law.propose(&mut state, &reference(), &measured(2.0));
+        let ticks = 1592; // one time constant, 1 / (2 pi 10 Hz) = 15.92 ms
+        for _ in 0..ticks {
+            law.propose(&mut state, &reference(), &measured(1.0));
+        }
+        let expected = 1.0 - libm::exp(-core::f64::consts::TAU * corner * f64::from(ticks) * 1e-5);
+        assert!((state.filtered_error.unwrap() - expected).abs() < 1e-3);
+    }
+
+    #[test]
+    fn the_integral_stops_at_every_limit_but_may_leave_it() {
+        let law = Law::new(&GAINS, &ARM, 1000);
+        for joint in 0..2 {
+            let mut limiting = [Limiting::No; 2];
+            limiting[joint] = Limiting::FromAbove;
+            let mut state = LawState::default();
+            // e > 0 and s > 0: the increment pushes up, into the limit.
+            let p = law.propose(&mut state, &reference(), &measured(0.0));
+            law.settle(&mut state, &p, limiting);
+            assert_eq!(state.integral, 0.0);
+            // e < 0 pushes down, away from it.
+            let p = law.propose(&mut state, &reference(), &measured(5.0));
+            law.settle(&mut state, &p, limiting);
+            assert!(state.integral < 0.0);
+        }
+    }
+}

@@ -1,0 +1,1 @@
+//! Behaviour across crates; the tests are in `tests/`.
