@@ -10,9 +10,10 @@
 
 use crate::number::Real;
 use core::fmt;
+use serde::{Deserialize, Serialize};
 
 /// Which of the two inverse-kinematics solutions the arm uses.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Elbow {
     /// `theta10 > theta20`: sin(theta21) < 0.
     Down,
@@ -21,7 +22,7 @@ pub enum Elbow {
 }
 
 /// Physical data of the arm, in f64 SI units: what `arm.toml` says.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ArmParameters {
     /// Length r1 of link 1, joint 1 to joint 2, m.
     pub link1_length_m: f64,

@@ -73,6 +73,12 @@ impl<'a, T: Number> Controller<'a, T> {
         self.fault = None;
     }
 
+    /// Latches a fault that was found outside the controller, unless one is latched
+    /// already: torques are zero from the next tick on.
+    pub fn trip(&mut self, fault: Fault) {
+        self.fault = self.fault.or(Some(fault));
+    }
+
     /// True when the table's last tick has been reached; further ticks hold it.
     pub fn at_end(&self) -> bool {
         self.cursor.at_end()

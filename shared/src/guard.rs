@@ -6,9 +6,10 @@
 
 use crate::number::Number;
 use core::fmt;
+use serde::{Deserialize, Serialize};
 
 /// Whether, and on which side, a torque is being limited.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Limiting {
     /// Not at a limit.
     #[default]
@@ -40,22 +41,73 @@ impl Limiting {
 }
 
 /// Why the controller gave up. Numbers are stable: logs and links carry them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(into = "u8", try_from = "u8")]
 #[repr(u8)]
 pub enum Fault {
     /// A measurement was NaN or infinite.
     MeasurementNotFinite = 1,
     /// A torque was NaN or infinite at the last gate.
     TorqueNotFinite = 2,
+    /// The emergency stop is pressed, or its wire is broken.
+    EmergencyStop = 16,
+    /// A drive reports a fault, or its wire is broken.
+    Drive = 17,
+    /// Sensors gave no new values for a control period.
+    SensorsStale = 18,
+    /// A tick was not over when the next one was due.
+    TickOverrun = 19,
+    /// The host fell silent while the arm was armed.
+    LinkTimeout = 20,
 }
 
 impl Fault {
+    /// Every fault.
+    pub const ALL: [Self; 7] = [
+        Self::MeasurementNotFinite,
+        Self::TorqueNotFinite,
+        Self::EmergencyStop,
+        Self::Drive,
+        Self::SensorsStale,
+        Self::TickOverrun,
+        Self::LinkTimeout,
+    ];
+
+    /// Stable number; 0 is left for "none".
+    pub fn number(self) -> u8 {
+        self as u8
+    }
+
     /// Stable name in snake case, as `summary.json` shows it.
     pub fn name(self) -> &'static str {
         match self {
             Self::MeasurementNotFinite => "measurement_not_finite",
             Self::TorqueNotFinite => "torque_not_finite",
+            Self::EmergencyStop => "emergency_stop",
+            Self::Drive => "drive_fault",
+            Self::SensorsStale => "sensors_stale",
+            Self::TickOverrun => "tick_overrun",
+            Self::LinkTimeout => "link_timeout",
         }
+    }
+}
+
+impl From<Fault> for u8 {
+    fn from(fault: Fault) -> Self {
+        fault.number()
+    }
+}
+
+impl TryFrom<u8> for Fault {
+    type Error = &'static str;
+
+    /// # Errors
+    /// A text, for a number that no fault has.
+    fn try_from(number: u8) -> Result<Self, Self::Error> {
+        Self::ALL
+            .into_iter()
+            .find(|fault| fault.number() == number)
+            .ok_or("no fault has this number")
     }
 }
 
@@ -66,7 +118,7 @@ impl fmt::Display for Fault {
 }
 
 /// Limits per joint, f64 SI.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LimitParameters {
     /// Largest torque magnitude, N m.
     pub torque_nm: [f64; 2],

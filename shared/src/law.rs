@@ -38,9 +38,10 @@ use crate::guard::Limiting;
 use crate::number::Number;
 use crate::table::Reference;
 use crate::trig;
+use serde::{Deserialize, Serialize};
 
 /// How a force along the surface normal becomes joint torques.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ForceProjection {
     /// By the Jacobian's transpose, for any surface normal.
     #[default]
@@ -50,7 +51,7 @@ pub enum ForceProjection {
 }
 
 /// What the root slope rate feedback acts on.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum SlopeRateFeedback {
     /// On the deviation from the planned rate.
     #[default]
@@ -60,7 +61,7 @@ pub enum SlopeRateFeedback {
 }
 
 /// Gains and options of the law, in f64 SI units: what `controller.toml` says.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LawParameters {
     /// K_DF, gain on the force error's derivative, s.
     pub force_derivative_s: f64,
@@ -98,7 +99,7 @@ impl LawParameters {
 }
 
 /// What the sensors say at a tick.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Measurement<T> {
     /// Angles (theta10, theta20) of link 1 and of link 2's chord, rad.
     pub angle: [T; 2],

@@ -11,6 +11,9 @@
 //! | [`law`] | the control law (eq. 18-20) |
 //! | [`guard`] | torque limits and the finite check behind everything |
 //! | [`controller`] | the one `tick` that joins cursor, law and guard |
+//! | [`sensing`] | from encoder and converter counts to a measurement |
+//! | [`safety`] | when the drives may be enabled, and when they must not stay so |
+//! | [`link`] | messages between host and microcontroller |
 //!
 //! # Conventions
 //!
@@ -33,6 +36,9 @@ pub mod beam;
 pub mod controller;
 pub mod guard;
 pub mod law;
+pub mod link;
 pub mod number;
+pub mod safety;
+pub mod sensing;
 pub mod table;
 pub mod trig;

@@ -446,6 +446,7 @@ impl<'a> Layout<'a> {
 #[derive(Clone, Copy, Debug)]
 pub struct Table<'a> {
     header: Header,
+    crc: u32,
     pieces: &'a [[u8; PIECE_BYTES]],
     rows: &'a [[u8; ROW_BYTES]],
 }
@@ -471,9 +472,48 @@ impl<'a> Table<'a> {
         }
         Ok(Self {
             header,
+            crc,
             pieces,
             rows,
         })
+    }
+
+    /// Length in bytes that the header of an image states, checked for magic and version
+    /// only: where a table that begins at `region`'s first byte ends.
+    ///
+    /// # Errors
+    /// [`TableError`] for another magic or version, and if `region` is shorter.
+    pub fn stated_bytes(region: &[u8]) -> Result<usize, TableError> {
+        let short = TableError::Length {
+            expected: HEADER_BYTES,
+            found: region.len(),
+        };
+        let (magic, rest) = region.split_first_chunk().ok_or(short)?;
+        let (version, _) = rest.split_first_chunk().ok_or(short)?;
+        let length = region
+            .get(40..)
+            .and_then(<[u8]>::first_chunk)
+            .ok_or(short)?;
+        if *magic != MAGIC {
+            return Err(TableError::Magic { found: *magic });
+        }
+        let version = u16::from_le_bytes(*version);
+        if version != VERSION {
+            return Err(TableError::Version { found: version });
+        }
+        let expected = u32::from_le_bytes(*length) as usize;
+        if expected > region.len() {
+            return Err(TableError::Length {
+                expected,
+                found: region.len(),
+            });
+        }
+        Ok(expected)
+    }
+
+    /// The image's checksum.
+    pub fn crc(&self) -> u32 {
+        self.crc
     }
 
     /// As [`open`](Self::open), and the table must be for the arm with `fingerprint`.

@@ -1,0 +1,679 @@
+//! Messages between host and microcontroller, and their frames on a serial line.
+//!
+//! The host sends [`Request`]s; the microcontroller answers each with one [`Reply`]. It
+//! also sends an [`Identity`] by itself when it starts. The line is one byte stream in
+//! each direction, 8 data bits, no parity, 1 stop bit.
+//!
+//! # Frame
+//!
+//! ```text
+//! COBS( version u8 | message | CRC-32 u32 little-endian ) 0x00
+//! ```
+//!
+//! COBS (consistent overhead byte stuffing) removes all zero bytes, so a zero ends a
+//! frame and only that; after garbage the next zero resynchronises. An empty frame (two
+//! zeros in a row) is ignored, and may be sent to end garbage. The CRC is ISO-HDLC, over version and message.
+//! A decoded frame has at most [`PAYLOAD_MAX`] bytes. Frames that are too
+//! long, not COBS, of another version, with a wrong CRC or without a known message are
+//! dropped and counted ([`FrameErrors`]); they are not answered.
+//!
+//! # Messages, byte by byte
+//!
+//! Messages are in postcard's format: fields in the order of their declaration without
+//! padding or tags; u8, i8 and bool as one byte; u16, u32 as **varint** (7 bits a byte,
+//! low first, high bit set on all but the last); f32, f64 as their IEEE bits, little-endian (every NaN keeps
+//! its bits); arrays as their elements; an option as 0, or 1 and its value; an enum as its
+//! variant's index (varint) and the variant's fields.
+//!
+//! | request | bytes |
+//! |---|---|
+//! | 0 hello | `00` |
+//! | 1 status | `01` |
+//! | 2 arm | `02` |
+//! | 3 disarm | `03` |
+//! | 4 acknowledge | `04` |
+//! | 5 start lock-step | `05`, slot (0 A, 1 B), [`Setup`] |
+//! | 6 stop lock-step | `06` |
+//! | 7 measured | `07`, sequence varint, angle 2 x f32, root slope f32, root slope rate f32, force f32, drive 2 x ([`Limiting`]: 0 no, 1 from above, 2 from below) |
+//!
+//! A [`Setup`] is 158 bytes, or 8 more for each filter corner that is given: arm 11 x
+//! f64 and elbow (0 down, 1 up); law: `K_DF`, `K_PF`, `K_IF`, `K_w` f64, force filter
+//! option of f64, slope rate filter option of f64, force projection (0 Jacobian
+//! transpose, 1 as printed), slope rate feedback (0 deviation, 1 as printed), feedforward
+//! bool; limits: torque 2 x f64, torque rate 2 x f64. All SI, in the order of
+//! [`ArmParameters`], [`LawParameters`] and [`LimitParameters`].
+//!
+//! | reply | bytes |
+//! |---|---|
+//! | 0 identity | `00`, [`Identity`] |
+//! | 1 status | `01`, [`Status`] |
+//! | 2 done | `02` |
+//! | 3 refused | `03`, [`Refusal`] |
+//! | 4 command | `04`, sequence varint, tick varint, torque 2 x f32, limiting 2 x u8, fault number u8 as option, stopwatch counts varint |
+//!
+//! # Lock-step
+//!
+//! Between start and stop the microcontroller's timer rests and every *measured* request
+//! runs one control tick, in the same interrupt that the timer runs it in, with the
+//! host's measurement in place of the sensors'. The drives stay disabled. The sequence
+//! number comes back unchanged.
+
+use crate::arm::ArmParameters;
+use crate::guard::{Fault, LimitParameters, Limiting};
+use crate::law::{LawParameters, Measurement};
+use crate::safety::Refusal;
+use crate::table::{Table, TableError};
+use postcard::ser_flavors::{Cobs, Slice, crc::CrcModifier};
+use serde::{Deserialize, Serialize};
+
+/// Version of the protocol, first byte of every frame.
+pub const VERSION: u8 = 1;
+
+/// Most bytes of a frame before COBS: version, message, CRC. COBS adds one byte to
+/// that, and the end one more.
+pub const PAYLOAD_MAX: usize = 253;
+
+/// Most bytes of a frame on the line.
+pub const FRAME_MAX: usize = PAYLOAD_MAX + 2;
+
+const CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+
+/// A place for a table in flash.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Slot {
+    /// The first, preferred.
+    A,
+    /// The second, used when the first is not valid.
+    B,
+}
+
+impl Slot {
+    /// Both, in the order of preference.
+    pub const ALL: [Self; 2] = [Self::A, Self::B];
+}
+
+/// What a controller is made from, apart from its table.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Setup {
+    /// The arm.
+    pub arm: ArmParameters,
+    /// Gains and options of the law.
+    pub law: LawParameters,
+    /// Torque limits.
+    pub limits: LimitParameters,
+}
+
+impl Setup {
+    /// Writes the setup with a CRC-32 behind it, as the firmware's image carries it, and
+    /// returns the bytes written.
+    ///
+    /// # Errors
+    /// [`FrameTooLong`] if the buffer is too short.
+    pub fn encode<'b>(&self, buffer: &'b mut [u8]) -> Result<&'b [u8], FrameTooLong> {
+        postcard::to_slice_crc32(self, buffer, CRC.digest())
+            .map(|bytes| &*bytes)
+            .map_err(|_| FrameTooLong)
+    }
+
+    /// Reads what [`encode`](Self::encode) wrote; `None` if it is damaged.
+    pub fn decode(bytes: &[u8]) -> Option<Self> {
+        postcard::from_bytes_crc32(bytes, CRC.digest()).ok()
+    }
+}
+
+/// What the host may ask for.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Request {
+    /// Who are you? Answered by [`Reply::Identity`].
+    Hello,
+    /// How are you? Answered by [`Reply::Status`]; keeps an armed arm from stopping with
+    /// [`Fault::LinkTimeout`].
+    Status,
+    /// Enable the drives and run the table from its first tick.
+    Arm,
+    /// Drives off.
+    Disarm,
+    /// Forget the latched fault, when its cause has gone.
+    Acknowledge,
+    /// Begin lock-step with this table and setup; begins again when already running.
+    StartLockStep {
+        /// Where the table is.
+        slot: Slot,
+        /// The controller's parameters.
+        setup: Setup,
+    },
+    /// Back to the timer and the sensors, disarmed.
+    StopLockStep,
+    /// One tick of lock-step; answered by [`Reply::Command`].
+    Measured {
+        /// Comes back with the command.
+        sequence: u32,
+        /// What the simulated sensors say.
+        measured: Measurement<f32>,
+    },
+}
+
+/// What the microcontroller answers.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Reply {
+    /// Who it is.
+    Identity(Identity),
+    /// How it is.
+    Status(Status),
+    /// Done as asked.
+    Done,
+    /// Not done.
+    Refused(Refusal),
+    /// The tick's result.
+    Command(TickReply),
+}
+
+/// The result of one tick in lock-step.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TickReply {
+    /// That of the measurement.
+    pub sequence: u32,
+    /// Tick of the table.
+    pub tick: u32,
+    /// Torques, N m.
+    pub torque: [f32; 2],
+    /// How each was limited.
+    pub limiting: [Limiting; 2],
+    /// Latched fault, if any.
+    pub fault: Option<Fault>,
+    /// Stopwatch counts that the tick took: interrupt handler, sensors and all.
+    pub counts: u32,
+}
+
+/// Where the core's clock comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ClockSource {
+    /// Crystal and PLL, as designed.
+    Crystal,
+    /// Internal oscillator and PLL: the crystal did not start; times are good to 1 %.
+    InternalPll,
+    /// Internal oscillator alone: the PLL did not lock either.
+    Internal,
+}
+
+/// Why a slot's table is not usable. Numbers (the variant's index) are stable.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SlotError {
+    /// Shorter or longer than its header says, or than the slot.
+    Length,
+    /// Does not begin as a table; erased flash, for one.
+    Magic,
+    /// Another format version.
+    Version,
+    /// Checksum does not match.
+    Crc,
+    /// A header field is out of range.
+    Field,
+    /// Planned for another arm.
+    Fingerprint,
+    /// Planned for another tick rate than the timer's.
+    TickRate,
+}
+
+impl From<TableError> for SlotError {
+    fn from(error: TableError) -> Self {
+        match error {
+            TableError::Length { .. } => Self::Length,
+            TableError::Magic { .. } => Self::Magic,
+            TableError::Version { .. } => Self::Version,
+            TableError::Crc { .. } => Self::Crc,
+            TableError::Field { .. } => Self::Field,
+            TableError::Fingerprint { .. } => Self::Fingerprint,
+        }
+    }
+}
+
+/// What identifies a table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TableIdentity {
+    /// CRC-32 in the table's header.
+    pub crc: u32,
+    /// Fingerprint of the arm that it was planned for.
+    pub arm_fingerprint: u32,
+    /// Control periods.
+    pub ticks: u32,
+}
+
+impl From<&Table<'_>> for TableIdentity {
+    fn from(table: &Table<'_>) -> Self {
+        Self {
+            crc: table.crc(),
+            arm_fingerprint: table.header().arm_fingerprint,
+            ticks: table.header().ticks,
+        }
+    }
+}
+
+/// Why the microcontroller started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum StartReason {
+    /// Power, reset line, or a debugger.
+    Normal,
+    /// A panic.
+    Panic {
+        /// Line of the source file.
+        line: u32,
+        /// CRC-32 of the file's name.
+        file: u32,
+    },
+    /// A HardFault.
+    HardFault {
+        /// Program counter at the fault.
+        pc: u32,
+        /// Configurable fault status register.
+        status: u32,
+    },
+    /// The watchdog was not fed.
+    Watchdog,
+}
+
+/// Who the microcontroller is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Identity {
+    /// First 4 bytes of the firmware's git commit; 0 when built outside a repository.
+    pub git: [u8; 4],
+    /// True when the sources differed from that commit.
+    pub modified: bool,
+    /// Fingerprint of the arm in the image; `None` if that part is damaged.
+    pub arm_fingerprint: Option<u32>,
+    /// The tables in slots A and B, judged by themselves and against that arm.
+    pub slots: [Result<TableIdentity, SlotError>; 2],
+    /// Control rate, Hz.
+    pub tick_rate_hz: u32,
+    /// Stopwatch rate on hardware, Hz.
+    pub stopwatch_hz: u32,
+    /// Stopwatch counts that 1,000 `nop` instructions took at start; makes instructions of
+    /// counts under an emulator that counts instructions.
+    pub counts_per_1000_nops: u32,
+    /// Where the clock comes from.
+    pub clock: ClockSource,
+    /// Why it started.
+    pub start: StartReason,
+}
+
+/// What the microcontroller is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Mode {
+    /// Drives off.
+    Disarmed,
+    /// Drives on, running the table.
+    Armed,
+    /// Drives off, ticking for the host.
+    LockStep,
+}
+
+/// Frames that were dropped.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FrameErrors {
+    /// Longer than [`FRAME_MAX`].
+    pub oversized: u32,
+    /// Not COBS.
+    pub stuffing: u32,
+    /// Of another protocol version.
+    pub version: u32,
+    /// Too short, or with a wrong CRC.
+    pub crc: u32,
+    /// No known message.
+    pub message: u32,
+}
+
+/// How the microcontroller is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Status {
+    /// What it is doing.
+    pub mode: Mode,
+    /// Tick of the table; 0 when none runs.
+    pub tick: u32,
+    /// Latched fault, if any.
+    pub fault: Option<Fault>,
+    /// Ticks since start, of the timer and in lock-step.
+    pub ticks_total: u32,
+    /// Longest tick since start, stopwatch counts.
+    pub counts_max: u32,
+    /// Deepest stack since start, bytes.
+    pub stack_bytes: u32,
+    /// Frames that were dropped.
+    pub frame_errors: FrameErrors,
+    /// Bytes lost because the receive queue was full or the line overran.
+    pub bytes_lost: u32,
+}
+
+/// A message does not fit a frame. No message of this module does that.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameTooLong;
+
+impl core::fmt::Display for FrameTooLong {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "message is longer than {PAYLOAD_MAX} bytes")
+    }
+}
+
+impl core::error::Error for FrameTooLong {}
+
+/// Writes a message's frame, ending zero included, and returns its bytes.
+///
+/// # Errors
+/// [`FrameTooLong`].
+pub fn encode<'b, M: Serialize>(
+    message: &M,
+    buffer: &'b mut [u8; FRAME_MAX],
+) -> Result<&'b [u8], FrameTooLong> {
+    let stuffing = Cobs::try_new(Slice::new(buffer)).map_err(|_| FrameTooLong)?;
+    postcard::serialize_with_flavor(
+        &(VERSION, message),
+        CrcModifier::new(stuffing, CRC.digest()),
+    )
+    .map(|bytes| &*bytes)
+    .map_err(|_| FrameTooLong)
+}
+
+/// Finds messages in a byte stream.
+#[derive(Clone, Debug)]
+pub struct Receiver {
+    buffer: [u8; FRAME_MAX],
+    length: usize,
+    errors: FrameErrors,
+}
+
+impl Default for Receiver {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Receiver {
+    /// A receiver at the beginning of a frame.
+    pub const fn new() -> Self {
+        Self {
+            buffer: [0; FRAME_MAX],
+            length: 0,
+            errors: FrameErrors {
+                oversized: 0,
+                stuffing: 0,
+                version: 0,
+                crc: 0,
+                message: 0,
+            },
+        }
+    }
+
+    /// Frames dropped so far.
+    pub fn errors(&self) -> FrameErrors {
+        self.errors
+    }
+
+    /// Takes a byte; returns a message when the byte ends a good frame.
+    pub fn push<'a, M: Deserialize<'a>>(&'a mut self, byte: u8) -> Option<M> {
+        if byte != 0 {
+            if let Some(place) = self.buffer.get_mut(self.length) {
+                *place = byte;
+            }
+            // One past the buffer remembers that the frame is too long.
+            self.length = (self.length + 1).min(FRAME_MAX + 1);
+            return None;
+        }
+        let length = core::mem::take(&mut self.length);
+        if length == 0 {
+            return None;
+        }
+        match Self::decode(self.buffer.get_mut(..length)) {
+            Ok(message) => Some(message),
+            Err(counter) => {
+                let count = counter(&mut self.errors);
+                *count = count.saturating_add(1);
+                None
+            }
+        }
+    }
+
+    /// The message of a whole frame, or which error to count.
+    fn decode<'a, M: Deserialize<'a>>(
+        frame: Option<&'a mut [u8]>,
+    ) -> Result<M, fn(&mut FrameErrors) -> &mut u32> {
+        let frame = frame.ok_or((|e| &mut e.oversized) as fn(&mut FrameErrors) -> &mut u32)?;
+        let length = cobs::decode_in_place(frame)
+            .map_err(|_| (|e| &mut e.stuffing) as fn(&mut FrameErrors) -> &mut u32)?;
+        let payload: &'a [u8] = frame.get(..length).unwrap_or_default();
+        let (body, crc) = payload
+            .split_last_chunk::<4>()
+            .ok_or((|e| &mut e.crc) as fn(&mut FrameErrors) -> &mut u32)?;
+        if CRC.checksum(body) != u32::from_le_bytes(*crc) {
+            return Err(|e| &mut e.crc);
+        }
+        match body.split_first() {
+            Some((&VERSION, message)) => match postcard::take_from_bytes(message) {
+                Ok((message, [])) => Ok(message),
+                _ => Err(|e| &mut e.message),
+            },
+            _ => Err(|e| &mut e.version),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use crate::arm::Elbow;
+    use proptest::prelude::*;
+    use std::vec::Vec;
+
+    const SETUP: Setup = Setup {
+        arm: ArmParameters {
+            link1_length_m: 0.5,
+            link1_mass_kg: 8.0,
+            link2_length_m: 0.55,
+            link2_mass_kg: 0.24,
+            bending_stiffness_nm2: 0.48,
+            damping_ratio: 0.05,
+            root_inertia_kgm2: 0.0,
+            tip_mass_kg: 0.0,
+            tip_inertia_kgm2: 0.0,
+            gravity_m_s2: [0.0, 9.81],
+            elbow: Elbow::Up,
+        },
+        law: LawParameters {
+            force_filter_hz: Some(50.0),
+            slope_rate_filter_hz: Some(20.0),
+            ..LawParameters::FEEDFORWARD
+        },
+        limits: LimitParameters {
+            torque_nm: [20.0, 2.0],
+            torque_rate_nm_s: [1e3, 1e2],
+        },
+    };
+
+    fn frame<M: Serialize>(message: &M) -> Vec<u8> {
+        encode(message, &mut [0; FRAME_MAX]).unwrap().to_vec()
+    }
+
+    /// A frame around any payload, with a good CRC.
+    fn raw_frame(body: &[u8]) -> Vec<u8> {
+        let mut payload = body.to_vec();
+        payload.extend(CRC.checksum(body).to_le_bytes());
+        let mut bytes = std::vec![0; cobs::max_encoding_length(payload.len())];
+        let length = cobs::encode(&payload, &mut bytes);
+        bytes.truncate(length);
+        bytes.push(0);
+        bytes
+    }
+
+    fn feed(receiver: &mut Receiver, bytes: &[u8]) -> Vec<Request> {
+        bytes.iter().filter_map(|b| receiver.push(*b)).collect()
+    }
+
+    fn dropped(errors: FrameErrors) -> u32 {
+        errors.oversized + errors.stuffing + errors.version + errors.crc + errors.message
+    }
+
+    #[test]
+    fn bytes_on_the_line_are_as_documented() {
+        assert_eq!(frame(&Request::Hello), raw_frame(&[VERSION, 0]));
+        let measured = Request::Measured {
+            sequence: 300,
+            measured: Measurement {
+                angle: [1.0, -2.0],
+                root_slope: 0.5,
+                root_slope_rate: f32::from_bits(0xff80_0001),
+                force: f32::from_bits(1),
+                drive: [Limiting::FromAbove, Limiting::FromBelow],
+            },
+        };
+        let mut body = std::vec![VERSION, 7, 0xac, 0x02];
+        for bits in [0x3f80_0000_u32, 0xc000_0000, 0x3f00_0000, 0xff80_0001, 1] {
+            body.extend(bits.to_le_bytes());
+        }
+        body.extend([1, 2]);
+        assert_eq!(frame(&measured), raw_frame(&body));
+        let command = Reply::Command(TickReply {
+            sequence: 1,
+            tick: 10_000,
+            torque: [-0.0, 1.5],
+            limiting: [Limiting::No, Limiting::FromAbove],
+            fault: Some(Fault::LinkTimeout),
+            counts: 128,
+        });
+        let body = [
+            VERSION, 4, 1, 0x90, 0x4e, 0, 0, 0, 0x80, 0, 0, 0xc0, 0x3f, 0, 1, 1, 20, 0x80, 1,
+        ];
+        assert_eq!(frame(&command), raw_frame(&body));
+    }
+
+    #[test]
+    fn the_longest_messages_fit() {
+        let start = Request::StartLockStep {
+            slot: Slot::B,
+            setup: SETUP,
+        };
+        assert_eq!(feed(&mut Receiver::new(), &frame(&start)), [start]);
+        let mut buffer = [0; 256];
+        let bytes = SETUP.encode(&mut buffer).unwrap();
+        assert_eq!(bytes.len(), 158 + 16 + 4);
+        assert_eq!(Setup::decode(bytes), Some(SETUP));
+        let status = Reply::Status(Status {
+            mode: Mode::LockStep,
+            tick: u32::MAX,
+            fault: Some(Fault::Drive),
+            ticks_total: u32::MAX,
+            counts_max: u32::MAX,
+            stack_bytes: u32::MAX,
+            frame_errors: FrameErrors {
+                oversized: u32::MAX,
+                stuffing: u32::MAX,
+                version: u32::MAX,
+                crc: u32::MAX,
+                message: u32::MAX,
+            },
+            bytes_lost: u32::MAX,
+        });
+        let mut receiver = Receiver::new();
+        let got: Vec<Reply> = frame(&status)
+            .iter()
+            .filter_map(|b| receiver.push(*b))
+            .collect();
+        assert_eq!(got, [status]);
+    }
+
+    #[test]
+    fn each_kind_of_bad_frame_has_its_counter() {
+        let mut receiver = Receiver::new();
+        let mut expect = FrameErrors::default();
+        let mut check = |bytes: &[u8], count: fn(&mut FrameErrors) -> &mut u32| {
+            *count(&mut expect) += 1;
+            assert!(feed(&mut receiver, bytes).is_empty());
+            assert_eq!(receiver.errors(), expect);
+            assert_eq!(feed(&mut receiver, &frame(&Request::Arm)), [Request::Arm]);
+        };
+        let mut long = std::vec![1; FRAME_MAX + 1];
+        long.push(0);
+        check(&long, |e| &mut e.oversized);
+        check(&[9, 1, 0], |e| &mut e.stuffing);
+        check(&[3, 1, 2, 0], |e| &mut e.crc);
+        check(&raw_frame(&[VERSION + 1, 0]), |e| &mut e.version);
+        check(&raw_frame(&[VERSION, 99]), |e| &mut e.message);
+        check(&raw_frame(&[VERSION, 0, 0]), |e| &mut e.message); // a byte too many
+        check(&raw_frame(&[VERSION, 7, 1]), |e| &mut e.message); // too few
+        check(&raw_frame(&[]), |e| &mut e.version);
+    }
+
+    #[test]
+    fn empty_frames_are_not_errors() {
+        let mut receiver = Receiver::new();
+        assert!(feed(&mut receiver, &[0; 10]).is_empty());
+        assert_eq!(receiver.errors(), FrameErrors::default());
+    }
+
+    proptest! {
+        #[test]
+        fn every_measurement_keeps_its_bits(
+            sequence: u32, bits: [u32; 5], drive in prop::array::uniform2(0..3_u8),
+        ) {
+            let drive = drive.map(|d| match d {
+                0 => Limiting::No,
+                1 => Limiting::FromAbove,
+                _ => Limiting::FromBelow,
+            });
+            let [a, b, c, d, e] = bits.map(f32::from_bits);
+            let sent = Request::Measured { sequence, measured: Measurement {
+                angle: [a, b], root_slope: c, root_slope_rate: d, force: e, drive,
+            }};
+            let got = feed(&mut Receiver::new(), &frame(&sent));
+            prop_assert_eq!(got.len(), 1);
+            let Request::Measured { sequence: s, measured: m } = got[0] else { panic!() };
+            prop_assert_eq!(s, sequence);
+            prop_assert_eq!(m.drive, drive);
+            let back = [m.angle[0], m.angle[1], m.root_slope, m.root_slope_rate, m.force];
+            prop_assert_eq!(back.map(f32::to_bits), bits);
+        }
+
+        #[test]
+        fn after_any_bytes_the_next_good_frame_is_understood(
+            noise in prop::collection::vec(any::<u8>(), 0..2000),
+        ) {
+            let mut receiver = Receiver::new();
+            let zeros = noise.iter().filter(|b| **b == 0).count() as u32;
+            let from_noise = feed(&mut receiver, &noise).len() as u32;
+            prop_assert!(dropped(receiver.errors()) + from_noise <= zeros);
+            receiver.push::<Request>(0);
+            prop_assert_eq!(feed(&mut receiver, &frame(&Request::Status)), [Request::Status]);
+        }
+
+        #[test]
+        fn a_truncated_frame_is_counted_and_harms_only_itself(keep in 1..100_usize) {
+            let whole = frame(&Request::StartLockStep { slot: Slot::A, setup: SETUP });
+            let mut receiver = Receiver::new();
+            prop_assert!(feed(&mut receiver, &whole[..keep.min(whole.len() - 2)]).is_empty());
+            prop_assert!(feed(&mut receiver, &[0]).is_empty());
+            prop_assert_eq!(dropped(receiver.errors()), 1);
+            prop_assert_eq!(feed(&mut receiver, &frame(&Request::Disarm)), [Request::Disarm]);
+        }
+
+        #[test]
+        fn a_changed_byte_never_passes(at: prop::sample::Index, change in 1..=255_u8) {
+            let mut bytes = frame(&Request::StartLockStep { slot: Slot::A, setup: SETUP });
+            let end = bytes.len() - 1;
+            bytes[at.index(end)] ^= change;
+            prop_assert!(feed(&mut Receiver::new(), &bytes).is_empty());
+        }
+
+        #[test]
+        fn any_body_with_a_good_crc_is_survived(body in prop::collection::vec(any::<u8>(), 0..200)) {
+            let mut receiver = Receiver::new();
+            let got = feed(&mut receiver, &raw_frame(&body)).len() as u32;
+            prop_assert_eq!(got + dropped(receiver.errors()), 1);
+        }
+
+        #[test]
+        fn a_flood_of_good_frames_is_answered_one_by_one(count in 1..300_usize) {
+            let mut receiver = Receiver::new();
+            let bytes = frame(&Request::Status).repeat(count);
+            prop_assert_eq!(feed(&mut receiver, &bytes).len(), count);
+            prop_assert_eq!(receiver.errors(), FrameErrors::default());
+        }
+    }
+}

@@ -1,0 +1,252 @@
+//! When the drives may be enabled, and when they must not stay so.
+//!
+//! The arm starts disarmed. [`may_arm`] decides on a request to arm; [`Watch`] looks at
+//! every tick of an armed arm and names the [`Fault`] that ends it. A fault is latched
+//! by the caller until the host acknowledges it. The declared fallback of every fault is
+//! the same: torques zero, drives off.
+
+use crate::guard::Fault;
+use crate::law::Measurement;
+use crate::link::SlotError;
+use crate::table::Reference;
+use core::fmt;
+use serde::{Deserialize, Serialize};
+
+/// The digital inputs that guard the drives. Wired so that a broken wire reads as bad.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Interlocks {
+    /// The emergency stop is released.
+    pub stop_released: bool,
+    /// Both drives report to be well.
+    pub drives_well: bool,
+}
+
+/// Why the microcontroller does not do what it was asked.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Refusal {
+    /// Armed, or in lock-step; the request needs a disarmed arm.
+    Busy,
+    /// Not in lock-step; the request needs it.
+    NotInLockStep,
+    /// The slot's table is not usable.
+    Table(SlotError),
+    /// Neither slot's table is usable: slot A's reason, slot B's.
+    NoTable(SlotError, SlotError),
+    /// The setup in the firmware's image is damaged.
+    NoSetup,
+    /// A fault is latched; acknowledge it first.
+    Latched(Fault),
+    /// The cause of this fault is there.
+    Cause(Fault),
+    /// The arm is not where the table begins.
+    AwayFromStart {
+        /// Theta10, theta20, root slope less the table's, rad.
+        deviation_rad: [f32; 3],
+    },
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Busy => f.write_str("armed or in lock-step: disarm, or stop lock-step, first"),
+            Self::NotInLockStep => f.write_str("not in lock-step: start it first"),
+            Self::Table(error) => write!(f, "the slot's table is not usable: {error:?}"),
+            Self::NoTable(a, b) => {
+                write!(f, "no usable table: slot A {a:?}, slot B {b:?}")
+            }
+            Self::NoSetup => f.write_str("the setup in the image is damaged: flash it again"),
+            Self::Latched(fault) => {
+                write!(
+                    f,
+                    "fault {} ({fault}) is latched: acknowledge it first",
+                    fault.number()
+                )
+            }
+            Self::Cause(fault) => write!(
+                f,
+                "the cause of fault {} ({fault}) is there",
+                fault.number()
+            ),
+            Self::AwayFromStart { deviation_rad } => write!(
+                f,
+                "the arm is {deviation_rad:?} rad (theta10, theta20, root slope) from the table's first row"
+            ),
+        }
+    }
+}
+
+/// Limits of this module.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SafetyLimits {
+    /// Largest deviation of the arm from the table's first row when it is armed, of
+    /// theta10, theta20 and root slope, rad.
+    pub start_rad: [f32; 3],
+    /// Ticks without a request after which an armed arm stops.
+    pub link_timeout_ticks: u32,
+}
+
+/// The fault that keeps the drives off at this moment.
+fn standing(interlocks: Interlocks, fresh: bool) -> Option<Fault> {
+    if !interlocks.stop_released {
+        Some(Fault::EmergencyStop)
+    } else if !interlocks.drives_well {
+        Some(Fault::Drive)
+    } else if !fresh {
+        Some(Fault::SensorsStale)
+    } else {
+        None
+    }
+}
+
+/// Whether an arm with a usable table may be armed.
+///
+/// # Errors
+/// The first [`Refusal`] that applies.
+pub fn may_arm(
+    limits: &SafetyLimits,
+    latched: Option<Fault>,
+    interlocks: Interlocks,
+    measured: Option<&Measurement<f32>>,
+    first_row: &Reference<f32>,
+) -> Result<(), Refusal> {
+    if let Some(fault) = latched {
+        return Err(Refusal::Latched(fault));
+    }
+    if let Some(fault) = standing(interlocks, measured.is_some()) {
+        return Err(Refusal::Cause(fault));
+    }
+    let measured = measured.ok_or(Refusal::Cause(Fault::SensorsStale))?;
+    let deviation_rad = [
+        measured.angle[0] - first_row.angle[0],
+        measured.angle[1] - first_row.angle[1],
+        measured.root_slope - first_row.root_slope,
+    ];
+    let within = |(deviation, limit): (&f32, &f32)| deviation.abs() <= *limit;
+    if deviation_rad.iter().zip(&limits.start_rad).all(within) {
+        Ok(())
+    } else {
+        Err(Refusal::AwayFromStart { deviation_rad })
+    }
+}
+
+/// Watches an armed arm from tick to tick.
+#[derive(Clone, Copy, Debug)]
+pub struct Watch {
+    link_timeout_ticks: u32,
+    silent_ticks: u32,
+}
+
+impl Watch {
+    /// A watch that begins now.
+    pub fn new(limits: &SafetyLimits) -> Self {
+        Self {
+            link_timeout_ticks: limits.link_timeout_ticks,
+            silent_ticks: 0,
+        }
+    }
+
+    /// The host has sent a request.
+    pub fn heard(&mut self) {
+        self.silent_ticks = 0;
+    }
+
+    /// The fault of this tick, if any. `fresh`: the sensors gave new values since the
+    /// last tick; `late`: the last tick was not over when this one was due.
+    #[inline]
+    pub fn tick(&mut self, interlocks: Interlocks, fresh: bool, late: bool) -> Option<Fault> {
+        self.silent_ticks = self.silent_ticks.saturating_add(1);
+        standing(interlocks, fresh)
+            .or(late.then_some(Fault::TickOverrun))
+            .or((self.silent_ticks > self.link_timeout_ticks).then_some(Fault::LinkTimeout))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMITS: SafetyLimits = SafetyLimits {
+        start_rad: [0.01, 0.01, 0.02],
+        link_timeout_ticks: 3,
+    };
+    const GOOD: Interlocks = Interlocks {
+        stop_released: true,
+        drives_well: true,
+    };
+    const STOPPED: Interlocks = Interlocks {
+        stop_released: false,
+        drives_well: true,
+    };
+
+    fn row() -> Reference<f32> {
+        Reference {
+            angle: [0.9, -0.7],
+            root_slope: 0.17,
+            ..Reference::default()
+        }
+    }
+
+    fn at_start() -> Measurement<f32> {
+        Measurement {
+            angle: [0.905, -0.705],
+            root_slope: 0.18,
+            ..Measurement::default()
+        }
+    }
+
+    #[test]
+    fn an_arm_at_the_start_with_good_inputs_may_be_armed() {
+        assert_eq!(
+            may_arm(&LIMITS, None, GOOD, Some(&at_start()), &row()),
+            Ok(())
+        );
+    }
+
+    #[test]
+    fn each_condition_refuses_by_itself() {
+        let refusal = |latched, interlocks, measured: Option<&Measurement<f32>>| {
+            may_arm(&LIMITS, latched, interlocks, measured, &row()).unwrap_err()
+        };
+        let here = at_start();
+        assert_eq!(
+            refusal(Some(Fault::Drive), GOOD, Some(&here)),
+            Refusal::Latched(Fault::Drive)
+        );
+        assert_eq!(
+            refusal(None, STOPPED, Some(&here)),
+            Refusal::Cause(Fault::EmergencyStop)
+        );
+        assert_eq!(
+            refusal(None, GOOD, None),
+            Refusal::Cause(Fault::SensorsStale)
+        );
+        for change in 0..4 {
+            let mut away = here;
+            match change {
+                0 => away.angle[0] += 0.01,
+                1 => away.angle[1] -= 0.01,
+                2 => away.root_slope += 0.02,
+                _ => away.root_slope = f32::NAN,
+            }
+            assert!(matches!(
+                refusal(None, GOOD, Some(&away)),
+                Refusal::AwayFromStart { .. }
+            ));
+        }
+    }
+
+    #[test]
+    fn an_armed_arm_stops_for_each_cause() {
+        let mut watch = Watch::new(&LIMITS);
+        assert_eq!(watch.tick(GOOD, true, false), None);
+        assert_eq!(watch.tick(STOPPED, true, false), Some(Fault::EmergencyStop));
+        assert_eq!(watch.tick(GOOD, false, false), Some(Fault::SensorsStale));
+        watch.heard();
+        assert_eq!(watch.tick(GOOD, true, true), Some(Fault::TickOverrun));
+        assert_eq!(watch.tick(GOOD, true, false), None);
+        assert_eq!(watch.tick(GOOD, true, false), None);
+        assert_eq!(watch.tick(GOOD, true, false), Some(Fault::LinkTimeout));
+        watch.heard();
+        assert_eq!(watch.tick(GOOD, true, false), None);
+    }
+}

@@ -1,0 +1,152 @@
+//! From encoder and converter counts to a [`Measurement`]: the one place where motor
+//! angles become the model's angles.
+//!
+//! **Joint 2.** Motor 2 sits on link 1 and turns the *root tangent* of link 2, not its
+//! chord. Its angle is therefore `theta21 + w'(0)`, and
+//! `theta20 = theta10 + motor2 - w'(0)` with the root slope `w'(0)` from the strain
+//! gauge.
+//!
+//! **Encoders** count 16 bits and wrap. The position is extended by the signed
+//! difference from tick to tick, right as long as less than 32,768 counts pass in one.
+//! They are incremental: position 0 is where the arm stood at start, the *home* pose.
+//!
+//! **Slope rate.** The backward difference of the root slope. A step of the converter
+//! shows in it as `step * rate`; the law's slope rate filter is what tames that.
+
+use crate::guard::Limiting;
+use crate::law::Measurement;
+
+/// Counts of one instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RawSample {
+    /// Encoders of motor 1 and 2.
+    pub encoder: [u16; 2],
+    /// Converter at the tip-force cell.
+    pub force: u16,
+    /// Converter at the root strain gauge.
+    pub strain: u16,
+    /// True when both conversions are new since the last sample.
+    pub fresh: bool,
+}
+
+/// How counts become SI values.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Calibration {
+    /// Joint angle a count, rad; negative where the encoder counts against the angle.
+    pub encoder_rad: [f32; 2],
+    /// Motor angles at start (home pose), rad.
+    pub home_rad: [f32; 2],
+    /// Contact force a count, N, and count without force.
+    pub force_n: (f32, f32),
+    /// Root slope a count, rad, and count of the straight link.
+    pub slope_rad: (f32, f32),
+}
+
+/// Turns samples into measurements.
+#[derive(Clone, Debug)]
+pub struct Sensing {
+    calibration: Calibration,
+    tick_rate: f32,
+    previous: Option<Previous>,
+    position: [i32; 2],
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Previous {
+    encoder: [u16; 2],
+    root_slope: f32,
+}
+
+impl Sensing {
+    /// Begins at the home pose, which the first sample shows.
+    pub fn new(calibration: &Calibration, tick_rate_hz: u32) -> Self {
+        Self {
+            calibration: *calibration,
+            tick_rate: tick_rate_hz as f32,
+            previous: None,
+            position: [0; 2],
+        }
+    }
+
+    /// The measurement of a sample; call it once a tick, whether the result is wanted or
+    /// not.
+    #[inline]
+    pub fn measure(&mut self, raw: &RawSample) -> Measurement<f32> {
+        let c = &self.calibration;
+        let root_slope = (f32::from(raw.strain) - c.slope_rad.1) * c.slope_rad.0;
+        let previous = self.previous.unwrap_or(Previous {
+            encoder: raw.encoder,
+            root_slope,
+        });
+        let motor = [0, 1].map(|i| {
+            let step = raw.encoder[i]
+                .wrapping_sub(previous.encoder[i])
+                .cast_signed();
+            self.position[i] = self.position[i].wrapping_add(i32::from(step));
+            c.home_rad[i] + self.position[i] as f32 * c.encoder_rad[i]
+        });
+        self.previous = Some(Previous {
+            encoder: raw.encoder,
+            root_slope,
+        });
+        Measurement {
+            angle: [motor[0], motor[0] + motor[1] - root_slope],
+            root_slope,
+            root_slope_rate: (root_slope - previous.root_slope) * self.tick_rate,
+            force: (f32::from(raw.force) - c.force_n.1) * c.force_n.0,
+            drive: [Limiting::No; 2],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const CALIBRATION: Calibration = Calibration {
+        encoder_rad: [1e-3, -2e-3],
+        home_rad: [0.5, -1.0],
+        force_n: (0.01, 2048.0),
+        slope_rad: (0.001, 2000.0),
+    };
+
+    #[test]
+    fn counts_become_the_models_quantities() {
+        let mut sensing = Sensing::new(&CALIBRATION, 1000);
+        let first = RawSample {
+            encoder: [65_530, 7],
+            force: 2148,
+            strain: 2100,
+            fresh: true,
+        };
+        let m = sensing.measure(&first);
+        assert!((m.angle[0] - 0.5).abs() < 1e-6);
+        // theta20 = theta10 + motor2 - w'(0)
+        assert!((m.angle[1] - (0.5 - 1.0 - 0.1)).abs() < 1e-6);
+        assert!((m.force - 1.0).abs() < 1e-6 && m.root_slope_rate == 0.0);
+        let m = sensing.measure(&RawSample {
+            encoder: [4, 65_533], // +10 and -10, both over the wrap
+            strain: 2110,
+            ..first
+        });
+        assert!((m.angle[0] - 0.51).abs() < 1e-6);
+        assert!((m.angle[1] - (0.51 - 0.98 - 0.11)).abs() < 1e-6);
+        assert!((m.root_slope_rate - 10.0).abs() < 1e-3);
+    }
+
+    proptest! {
+        #[test]
+        fn positions_follow_any_motion(steps in proptest::collection::vec(-32_767..32_767_i32, 1..200)) {
+            let mut sensing = Sensing::new(&CALIBRATION, 5000);
+            let mut position = 0_i32;
+            sensing.measure(&RawSample::default());
+            for step in steps {
+                position += step;
+                let raw = RawSample { encoder: [position as u16, 0], ..RawSample::default() };
+                sensing.measure(&raw);
+                prop_assert_eq!(sensing.position, [position, 0]);
+            }
+        }
+    }
+}
