@@ -168,6 +168,23 @@ pub fn run_with<T: Number>(
     options: &RunOptions,
     mut observe: impl FnMut(&Measurement<T>, &Command<T>),
 ) -> Result<Run, RunError> {
+    run_through(plan, image, options, |measured, command| {
+        observe(measured, &command);
+        Some(command)
+    })
+}
+
+/// As [`run`]; `answer` gets every tick's measurement and command and returns the command
+/// that the plant gets: another controller's, for one. `None` ends the run there.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_through<T: Number>(
+    plan: &Plan,
+    image: &[u8],
+    options: &RunOptions,
+    mut answer: impl FnMut(&Measurement<T>, Command<T>) -> Option<Command<T>>,
+) -> Result<Run, RunError> {
     let table = Table::open(image)?;
     let mut controller =
         Controller::<T>::new(&table, &plan.model.arm, &options.law, &options.limits)?;
@@ -183,8 +200,9 @@ pub fn run_with<T: Number>(
             break;
         }
         let measured = measurement::<T>(&reading);
-        let command = controller.tick(&measured);
-        observe(&measured, &command);
+        let Some(command) = answer(&measured, controller.tick(&measured)) else {
+            break;
+        };
         fault = command.fault;
         held = command.torque.map(Number::to_f64);
         rows.push(LogRow {

@@ -7,6 +7,7 @@ pub mod dynamics;
 pub mod integrator;
 pub mod knots;
 pub mod model;
+pub mod pil;
 pub mod plan;
 pub mod plant;
 #[cfg(test)]

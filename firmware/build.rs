@@ -1,0 +1,38 @@
+//! Gives the linker `memory.x` and the image its table, setup and identity.
+//!
+//! `cargo xtask firmware` plans the table on the host and says in environment variables
+//! where it is: `FLEXOR_TABLE` (table image), `FLEXOR_SETUP` (encoded
+//! `shared::link::Setup`), `FLEXOR_GIT` (commit, eight hex digits, and `+` if modified).
+
+use std::path::PathBuf;
+use std::{env, fs};
+
+fn main() {
+    let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
+    println!("cargo:rustc-link-search={}", out.display());
+    copy("../memory.x", &out.join("memory.x"));
+    for (variable, file) in [("FLEXOR_TABLE", "table.bin"), ("FLEXOR_SETUP", "setup.bin")] {
+        println!("cargo:rerun-if-env-changed={variable}");
+        let source = env::var(variable).unwrap_or_else(|_| {
+            panic!("{variable} is not set: build the firmware with `cargo xtask firmware`")
+        });
+        copy(&source, &out.join(file));
+    }
+    println!("cargo:rerun-if-env-changed=FLEXOR_GIT");
+    let git = env::var("FLEXOR_GIT").unwrap_or_default();
+    let number = u32::from_str_radix(git.trim_end_matches('+'), 16).unwrap_or(0);
+    let identity = format!(
+        "/// First 4 bytes of the git commit; 0 outside a repository.\n\
+         pub const GIT: [u8; 4] = {:?};\n\
+         /// Whether the sources differed from it.\n\
+         pub const MODIFIED: bool = {};\n",
+        number.to_be_bytes(),
+        git.ends_with('+')
+    );
+    fs::write(out.join("identity.rs"), identity).expect("OUT_DIR is writable");
+}
+
+fn copy(from: &str, to: &PathBuf) {
+    println!("cargo:rerun-if-changed={from}");
+    fs::copy(from, to).unwrap_or_else(|error| panic!("cannot copy {from}: {error}"));
+}

@@ -1,0 +1,194 @@
+//! The tick's interrupt: sample, decide by mode, run the one controller, command.
+//!
+//! [`Control::tick`] runs in the highest-priority interrupt, for the timer and in
+//! lock-step alike. It does not block, allocate, log or loop. All else runs below it and
+//! reaches [`Control`] through short locks.
+
+use crate::board::constants::{CALIBRATION, SAFETY, TICK_RATE_HZ};
+use crate::board::stm32f405::TickBoard;
+use crate::board::{Drives, Inputs, Sensors, Stopwatch, Timebase};
+use shared::controller::Controller;
+use shared::guard::Fault;
+use shared::law::Measurement;
+use shared::link::{Mode, TickReply};
+use shared::safety::{Interlocks, Watch};
+use shared::sensing::Sensing;
+
+/// What the tick and the main loop share.
+pub struct Control {
+    mode: Mode,
+    controller: Option<Controller<'static, f32>>,
+    sensing: Sensing,
+    watch: Watch,
+    fault: Option<Fault>,
+    /// What the sensors said last; `None` when they gave nothing new.
+    measured: Option<Measurement<f32>>,
+    interlocks: Interlocks,
+    /// A measurement from the host, and its sequence number.
+    inbox: Option<(u32, Measurement<f32>)>,
+    outbox: Option<TickReply>,
+    table_tick: u32,
+    ticks_total: u32,
+    counts_max: u32,
+    late: bool,
+    /// Ticks when the main loop last looked.
+    ticks_seen: u32,
+}
+
+impl Control {
+    /// Disarmed.
+    pub fn new() -> Self {
+        Self {
+            mode: Mode::Disarmed,
+            controller: None,
+            sensing: Sensing::new(&CALIBRATION, TICK_RATE_HZ),
+            watch: Watch::new(&SAFETY),
+            fault: None,
+            measured: None,
+            interlocks: Interlocks {
+                stop_released: false,
+                drives_well: false,
+            },
+            inbox: None,
+            outbox: None,
+            table_tick: 0,
+            ticks_total: 0,
+            counts_max: 0,
+            late: false,
+            ticks_seen: 0,
+        }
+    }
+
+    /// One control tick.
+    #[inline]
+    pub fn tick(&mut self, board: &mut TickBoard) {
+        let begun = board.stopwatch.counts();
+        let timer = board.timebase.acknowledge();
+        let raw = board.sensors.sample();
+        let measured = self.sensing.measure(&raw);
+        self.measured = raw.fresh.then_some(measured);
+        self.interlocks = board.drives.interlocks();
+        self.ticks_total = self.ticks_total.wrapping_add(1);
+        match (self.mode, &mut self.controller) {
+            (Mode::Armed, Some(controller)) => {
+                let outside = self.watch.tick(self.interlocks, raw.fresh, self.late);
+                if let Some(fault) = outside {
+                    controller.trip(fault);
+                }
+                let command = controller.tick(&measured);
+                self.table_tick = command.tick;
+                match command.fault {
+                    None => board.drives.command(command.torque),
+                    fault => {
+                        board.drives.off();
+                        self.fault = fault;
+                        self.mode = Mode::Disarmed;
+                    }
+                }
+            }
+            (Mode::LockStep, Some(controller)) => {
+                if timer {
+                    board.timebase.run(false);
+                }
+                board.drives.off();
+                if let Some((sequence, measured)) = self.inbox.take() {
+                    let command = controller.tick(&measured);
+                    self.table_tick = command.tick;
+                    self.outbox = Some(TickReply {
+                        sequence,
+                        tick: command.tick,
+                        torque: command.torque,
+                        limiting: command.limiting,
+                        fault: command.fault,
+                        counts: 0,
+                    });
+                }
+            }
+            _ => {
+                if !timer {
+                    board.timebase.run(true);
+                }
+                board.drives.off();
+            }
+        }
+        self.late = board.timebase.due();
+        let counts = board.stopwatch.counts().wrapping_sub(begun);
+        self.counts_max = self.counts_max.max(counts);
+        if let Some(reply) = &mut self.outbox {
+            reply.counts = counts;
+        }
+    }
+
+    /// Enables the drives from the next tick on. The caller has checked that it may.
+    pub fn arm(&mut self, controller: Controller<'static, f32>) {
+        self.controller = Some(controller);
+        self.watch = Watch::new(&SAFETY);
+        self.late = false;
+        self.mode = Mode::Armed;
+    }
+
+    /// Drives off from the next tick on; ends lock-step too.
+    pub fn disarm(&mut self) {
+        self.mode = Mode::Disarmed;
+    }
+
+    /// From the next tick on the host's measurements run the controller.
+    pub fn start_lock_step(&mut self, controller: Controller<'static, f32>) {
+        self.controller = Some(controller);
+        self.inbox = None;
+        self.outbox = None;
+        self.mode = Mode::LockStep;
+    }
+
+    /// Leaves a measurement for the next tick; false when not in lock-step.
+    pub fn put(&mut self, sequence: u32, measured: Measurement<f32>) -> bool {
+        let running = self.mode == Mode::LockStep;
+        if running {
+            self.inbox = Some((sequence, measured));
+        }
+        running
+    }
+
+    /// The last lock-step tick's result, once.
+    pub fn take(&mut self) -> Option<TickReply> {
+        self.outbox.take()
+    }
+
+    /// True when the tick runs as it should: since the last call it has, or the host gives
+    /// the pace.
+    pub fn alive(&mut self) -> bool {
+        let before = core::mem::replace(&mut self.ticks_seen, self.ticks_total);
+        before != self.ticks_total || self.mode == Mode::LockStep
+    }
+
+    /// The host has been heard.
+    pub fn heard(&mut self) {
+        self.watch.heard();
+    }
+
+    /// Forgets the latched fault.
+    pub fn acknowledge(&mut self) {
+        self.fault = None;
+    }
+
+    /// What [`shared::safety::may_arm`] wants to know.
+    pub fn standing(&self) -> (Option<Fault>, Interlocks, Option<Measurement<f32>>) {
+        (self.fault, self.interlocks, self.measured)
+    }
+
+    /// Mode, tick of the table, latched fault, ticks since start, longest tick in
+    /// stopwatch counts.
+    pub fn report(&self) -> (Mode, u32, Option<Fault>, u32, u32) {
+        let tick = match self.mode {
+            Mode::Disarmed => 0,
+            Mode::Armed | Mode::LockStep => self.table_tick,
+        };
+        (
+            self.mode,
+            tick,
+            self.fault,
+            self.ticks_total,
+            self.counts_max,
+        )
+    }
+}

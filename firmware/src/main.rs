@@ -1,0 +1,184 @@
+//! Flexor's firmware: the control tick of `shared`, fed by a board or, in lock-step, by a
+//! host.
+//!
+//! | priority | what | where |
+//! |---|---|---|
+//! | 2, highest | the control tick, 5 kHz (TIM2), or on the host's request | [`control`] |
+//! | 1 | bytes of the link (USART1) into and out of queues | `serial` |
+//! | 0 | the main loop: requests, watchdog | [`comms`] |
+//!
+//! RTIC 2 schedules them: its priority ceilings prove at compile time that the tick
+//! shares data with the main loop only under a lock, and a lock from the tick itself
+//! costs nothing. Locks in the main loop copy one small struct; the longest hands over a
+//! controller.
+
+#![no_std]
+#![no_main]
+
+mod board;
+mod comms;
+mod control;
+mod last_words;
+mod slots;
+mod stack;
+
+/// Which sources this was built from.
+mod identity {
+    include!(concat!(env!("OUT_DIR"), "/identity.rs"));
+}
+
+/// Stopwatch counts that 1,000 `nop` instructions take, with no interrupt between.
+fn calibrate(stopwatch: &impl board::Stopwatch) -> u32 {
+    let begun = stopwatch.counts();
+    // SAFETY: assembles to 1,000 nops and nothing else.
+    unsafe { core::arch::asm!(".rept 1000", "nop", ".endr", options(nomem, nostack)) };
+    let counts = stopwatch.counts().wrapping_sub(begun);
+    // Less what two readings of the stopwatch take by themselves.
+    let begun = stopwatch.counts();
+    counts.wrapping_sub(stopwatch.counts().wrapping_sub(begun))
+}
+
+#[rtic::app(device = stm32f4::stm32f405, peripherals = true)]
+mod app {
+    use crate::board::constants::{RECEIVE_QUEUE, TRANSMIT_QUEUE, WAKE_CYCLES};
+    use crate::board::stm32f405::{Board, Serial, TickBoard, Watchdog};
+    use crate::comms::{self, Comms};
+    use crate::control::Control;
+    use crate::{calibrate, last_words, stack};
+    use cortex_m::peripheral::syst::SystClkSource;
+    use heapless::spsc::{Consumer, Producer, Queue};
+    use shared::link::{Receiver, Request};
+    use stm32f4::stm32f405::Interrupt;
+
+    #[shared]
+    struct Shared {
+        control: Control,
+        /// Received bytes that were lost.
+        bytes_lost: u32,
+    }
+
+    #[local]
+    struct Local {
+        board: TickBoard,
+        serial: Serial,
+        watchdog: Watchdog,
+        comms: Comms,
+        received: Producer<'static, u8>,
+        to_send: Consumer<'static, u8>,
+        from_host: Consumer<'static, u8>,
+        to_host: Producer<'static, u8>,
+    }
+
+    #[init(local = [
+        receive: Queue<u8, RECEIVE_QUEUE> = Queue::new(),
+        transmit: Queue<u8, TRANSMIT_QUEUE> = Queue::new(),
+    ])]
+    fn init(context: init::Context) -> (Shared, Local) {
+        stack::paint();
+        let board = Board::new(context.device);
+        let start = last_words::take(board.watchdog_reset);
+        let nops = calibrate(&board.tick.stopwatch);
+        let comms = Comms::new(&board.clocks, nops, start);
+        let mut watchdog = board.watchdog;
+        watchdog.start();
+        let mut systick = context.core.SYST;
+        systick.set_clock_source(SystClkSource::Core);
+        systick.set_reload(WAKE_CYCLES);
+        systick.clear_current();
+        systick.enable_counter();
+        systick.enable_interrupt();
+        let (received, from_host) = context.local.receive.split();
+        let (to_host, to_send) = context.local.transmit.split();
+        let shared = Shared {
+            control: Control::new(),
+            bytes_lost: 0,
+        };
+        let local = Local {
+            board: board.tick,
+            serial: board.serial,
+            watchdog,
+            comms,
+            received,
+            to_send,
+            from_host,
+            to_host,
+        };
+        (shared, local)
+    }
+
+    /// The control tick.
+    #[task(binds = TIM2, priority = 2, shared = [control], local = [board])]
+    fn tick(mut context: tick::Context) {
+        let board = context.local.board;
+        context.shared.control.lock(|control| control.tick(board));
+    }
+
+    /// Moves bytes between the line and the queues.
+    #[task(binds = USART1, priority = 1, shared = [bytes_lost], local = [serial, received, to_send])]
+    fn serial(mut context: serial::Context) {
+        let serial = context.local.serial;
+        if let Some((byte, overrun)) = serial.receive() {
+            let full = context.local.received.enqueue(byte).is_err();
+            let lost = u32::from(overrun) + u32::from(full);
+            context
+                .shared
+                .bytes_lost
+                .lock(|count| *count = count.saturating_add(lost));
+        }
+        if serial.ready() {
+            let next = context.local.to_send.dequeue();
+            if let Some(byte) = next {
+                serial.send(byte);
+            }
+            serial.announce_ready(next.is_some());
+        }
+    }
+
+    /// Ends the main loop's sleep, for the watchdog's sake: in lock-step nothing else may.
+    #[task(binds = SysTick, priority = 1)]
+    fn wake(_: wake::Context) {}
+
+    /// Answers requests and feeds the watchdog.
+    #[idle(shared = [control, bytes_lost], local = [watchdog, comms, from_host, to_host])]
+    fn idle(mut context: idle::Context) -> ! {
+        let local = context.local;
+        let control = &mut context.shared.control;
+        // A reply that does not fit the queue is cut short: the host sees a bad frame,
+        // and no host that waits for its answers gets there.
+        let mut send = |reply: &_| {
+            comms::send(reply, |byte| {
+                let _ = local.to_host.enqueue(byte);
+            });
+            rtic::pend(Interrupt::USART1);
+        };
+        let mut receiver = Receiver::new();
+        // The host may have been listening before this started.
+        send(&local.comms.identity());
+        loop {
+            if control.lock(Control::alive) {
+                local.watchdog.feed();
+            }
+            let Some(byte) = local.from_host.dequeue() else {
+                // With interrupts masked a request between the look and the sleep still
+                // ends the sleep.
+                cortex_m::interrupt::free(|_| {
+                    if !local.from_host.ready() {
+                        cortex_m::asm::wfi();
+                    }
+                });
+                continue;
+            };
+            if let Some(request) = receiver.push::<Request>(byte) {
+                let lost = context.shared.bytes_lost.lock(|count| *count);
+                let reply =
+                    local
+                        .comms
+                        .answer(&request, control, (receiver.errors(), lost), || {
+                            rtic::pend(Interrupt::TIM2);
+                            cortex_m::asm::isb();
+                        });
+                send(&reply);
+            }
+        }
+    }
+}

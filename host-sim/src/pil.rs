@@ -1,0 +1,569 @@
+//! Processor in the loop: the firmware's image in QEMU, or a real board on a serial port,
+//! ticks against the simulated plant, and each of its commands is compared bit by bit
+//! with the in-process controller's.
+//!
+//! The firmware's own lock-step mode does this (see [`shared::link`]); there is no special
+//! build. Under QEMU the firmware's stopwatch counts instructions: `-icount shift=0` lets
+//! an instruction take 1 ns of the emulated time, and QEMU's timers count nanoseconds.
+
+use crate::closed_loop::{Run, RunError, RunOptions, run_through};
+use crate::plan::Plan;
+use shared::controller::{Command, Controller};
+use shared::guard::Limiting;
+use shared::law::Measurement;
+use shared::link::{
+    FRAME_MAX, Identity, Receiver, Reply, Request, Setup, Slot, Status, TickReply, encode,
+};
+use shared::safety::Refusal;
+use shared::table::{Table, TableError};
+use std::ffi::OsString;
+use std::io::{self, Read, Write};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Stdio};
+use std::time::{Duration, Instant};
+
+/// QEMU's board with the firmware's microcontroller.
+const MACHINE: &str = "olimex-stm32-h405";
+
+/// Address of table slot B, as in `memory.x`.
+const SLOT_B_ADDRESS: u32 = 0x0804_0000;
+
+/// Baud rate of a real board's link.
+pub const BAUD: u32 = 1_000_000;
+
+/// Longest wait for a reply. QEMU on a busy machine answers within milliseconds; its start
+/// takes a second.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// Why a processor in the loop could not be run.
+#[derive(Debug, thiserror::Error)]
+pub enum PilError {
+    /// QEMU cannot be started.
+    #[error("cannot start {program}: {source}; `cargo xtask setup` installs QEMU")]
+    Start {
+        /// What was to be started.
+        program: String,
+        /// Why not.
+        source: io::Error,
+    },
+    /// The serial port cannot be opened.
+    #[error("cannot open serial port {port}: {source}")]
+    Port {
+        /// Its name.
+        port: String,
+        /// Why not.
+        source: serialport::Error,
+    },
+    /// The line broke, or no answer came in time.
+    #[error("the link to the microcontroller failed while waiting for its {awaited}: {source}")]
+    Line {
+        /// What was awaited.
+        awaited: &'static str,
+        /// Why.
+        source: io::Error,
+    },
+    /// An answer, but not to the question.
+    #[error("the microcontroller answered {found} where its {awaited} was expected")]
+    Unexpected {
+        /// What was awaited.
+        awaited: &'static str,
+        /// What came.
+        found: String,
+    },
+    /// The microcontroller does not want to.
+    #[error("the microcontroller refused: {0}")]
+    Refused(Refusal),
+    /// A file for QEMU cannot be written.
+    #[error("cannot write {path}: {source}")]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
+    /// The run could not start.
+    #[error(transparent)]
+    Run(#[from] RunError),
+}
+
+/// The line to the microcontroller.
+trait Line: Read + Write {}
+impl<T: Read + Write> Line for T {}
+
+/// QEMU with the firmware; ends with the value.
+struct Emulator {
+    child: Child,
+    folder: PathBuf,
+}
+
+impl Drop for Emulator {
+    fn drop(&mut self) {
+        // Both may have gone already; then there is nothing to do.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+/// A microcontroller that answers requests.
+pub struct Processor {
+    line: Box<dyn Line>,
+    receiver: Receiver,
+    identity: Identity,
+    /// True when its stopwatch counts instructions.
+    counts_instructions: bool,
+    _emulator: Option<Emulator>,
+}
+
+impl Processor {
+    /// Starts QEMU with the firmware's `elf`, and `table_b` in slot B if given.
+    ///
+    /// # Errors
+    /// [`PilError`].
+    pub fn emulated(elf: &Path, table_b: Option<&[u8]>) -> Result<Self, PilError> {
+        let folder = scratch_folder()?;
+        let write = |path: PathBuf, source| PilError::Write { path, source };
+        let socket = folder.join("link");
+        let listener =
+            UnixListener::bind(&socket).map_err(|source| write(socket.clone(), source))?;
+        let mut arguments: Vec<OsString> = ["-M", MACHINE, "-nographic", "-monitor", "none"]
+            .map(Into::into)
+            .to_vec();
+        arguments.extend(["-icount", "shift=0", "-kernel"].map(Into::into));
+        arguments.push(elf.into());
+        arguments.push("-serial".into());
+        arguments.push(joined("unix:", &socket));
+        if let Some(table) = table_b {
+            let file = folder.join("table_b.bin");
+            std::fs::write(&file, table).map_err(|source| write(file.clone(), source))?;
+            let mut device = joined("loader,file=", &file);
+            device.push(format!(",addr={SLOT_B_ADDRESS:#x},force-raw=on"));
+            arguments.push("-device".into());
+            arguments.push(device);
+        }
+        let program = "qemu-system-arm";
+        let child = std::process::Command::new(program)
+            .args(arguments)
+            .stdin(Stdio::null())
+            .spawn()
+            .map_err(|source| PilError::Start {
+                program: program.to_owned(),
+                source,
+            })?;
+        let mut emulator = Emulator { child, folder };
+        let line = accept(&listener, &mut emulator.child).map_err(|source| PilError::Line {
+            awaited: "connection",
+            source,
+        })?;
+        Self::greet(Box::new(line), true, Some(emulator))
+    }
+
+    /// Opens a real board's serial port.
+    ///
+    /// # Errors
+    /// [`PilError`].
+    pub fn on_port(port: &str) -> Result<Self, PilError> {
+        let line = serialport::new(port, BAUD)
+            .timeout(PATIENCE)
+            .open()
+            .map_err(|source| PilError::Port {
+                port: port.to_owned(),
+                source,
+            })?;
+        Self::greet(Box::new(line), false, None)
+    }
+
+    /// Waits for the first sign of life and asks who is there.
+    fn greet(
+        line: Box<dyn Line>,
+        counts_instructions: bool,
+        emulator: Option<Emulator>,
+    ) -> Result<Self, PilError> {
+        let mut processor = Self {
+            line,
+            receiver: Receiver::new(),
+            // Replaced below.
+            identity: Identity {
+                git: [0; 4],
+                modified: false,
+                arm_fingerprint: None,
+                slots: [Err(shared::link::SlotError::Magic); 2],
+                tick_rate_hz: 0,
+                stopwatch_hz: 0,
+                counts_per_1000_nops: 0,
+                clock: shared::link::ClockSource::Internal,
+                start: shared::link::StartReason::Normal,
+            },
+            counts_instructions,
+            _emulator: emulator,
+        };
+        if counts_instructions {
+            // Bytes before the firmware's first are lost: it introduces itself.
+            processor.identity = processor.identity_from(None)?;
+        } else {
+            processor.write(&[0], "identity")?; // ends what a broken run left
+            processor.identity = processor.identity_from(Some(Request::Hello))?;
+        }
+        Ok(processor)
+    }
+
+    fn identity_from(&mut self, request: Option<Request>) -> Result<Identity, PilError> {
+        let awaited = "identity";
+        let reply = match request {
+            Some(request) => self.ask(&request, awaited)?,
+            None => self.reply(awaited)?,
+        };
+        match reply {
+            Reply::Identity(identity) => Ok(identity),
+            other => Err(unexpected(awaited, &other)),
+        }
+    }
+
+    /// Who the microcontroller is.
+    pub fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
+    /// How the microcontroller is.
+    ///
+    /// # Errors
+    /// [`PilError`].
+    pub fn status(&mut self) -> Result<Status, PilError> {
+        match self.ask(&Request::Status, "status")? {
+            Reply::Status(status) => Ok(status),
+            other => Err(unexpected("status", &other)),
+        }
+    }
+
+    /// Begins lock-step with the table in a slot.
+    ///
+    /// # Errors
+    /// [`PilError::Refused`] if the microcontroller cannot; else other [`PilError`]s.
+    pub fn start(&mut self, slot: Slot, setup: &Setup) -> Result<(), PilError> {
+        let setup = *setup;
+        match self.ask(&Request::StartLockStep { slot, setup }, "consent")? {
+            Reply::Done => Ok(()),
+            Reply::Refused(refusal) => Err(PilError::Refused(refusal)),
+            other => Err(unexpected("consent", &other)),
+        }
+    }
+
+    /// One tick.
+    ///
+    /// # Errors
+    /// [`PilError`].
+    pub fn tick(
+        &mut self,
+        sequence: u32,
+        measured: &Measurement<f32>,
+    ) -> Result<TickReply, PilError> {
+        let measured = *measured;
+        match self.ask(&Request::Measured { sequence, measured }, "command")? {
+            Reply::Command(reply) if reply.sequence == sequence => Ok(reply),
+            Reply::Refused(refusal) => Err(PilError::Refused(refusal)),
+            other => Err(unexpected("command", &other)),
+        }
+    }
+
+    /// Sends a request and returns the reply.
+    ///
+    /// # Errors
+    /// [`PilError::Line`].
+    pub fn ask(&mut self, request: &Request, awaited: &'static str) -> Result<Reply, PilError> {
+        let mut buffer = [0; FRAME_MAX];
+        let frame = encode(request, &mut buffer).map_err(|error| PilError::Line {
+            awaited,
+            source: io::Error::other(error),
+        })?;
+        self.write(frame, awaited)?;
+        self.reply(awaited)
+    }
+
+    /// Sends bytes as they are: for tests of the other end.
+    ///
+    /// # Errors
+    /// [`PilError::Line`].
+    pub fn write(&mut self, bytes: &[u8], awaited: &'static str) -> Result<(), PilError> {
+        self.line
+            .write_all(bytes)
+            .map_err(|source| PilError::Line { awaited, source })
+    }
+
+    /// The next reply.
+    fn reply(&mut self, awaited: &'static str) -> Result<Reply, PilError> {
+        let mut bytes = [0; FRAME_MAX];
+        loop {
+            let count = match self.line.read(&mut bytes) {
+                Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),
+                other => other,
+            }
+            .map_err(|source| PilError::Line { awaited, source })?;
+            let mut found = None;
+            for byte in &bytes[..count] {
+                // Replies come one by one; of several the last counts.
+                found = self.receiver.push(*byte).or(found);
+            }
+            if let Some(reply) = found {
+                return Ok(reply);
+            }
+        }
+    }
+
+    /// Instructions for stopwatch counts; `None` on hardware, whose stopwatch counts time.
+    pub fn instructions(&self, counts: u32) -> Option<u32> {
+        let nops = u64::from(self.identity.counts_per_1000_nops);
+        if !self.counts_instructions || nops == 0 {
+            return None;
+        }
+        u32::try_from((u64::from(counts) * 1000 + nops / 2) / nops).ok()
+    }
+
+    /// Time for stopwatch counts on hardware, s.
+    pub fn seconds(&self, counts: u32) -> f64 {
+        f64::from(counts) / f64::from(self.identity.stopwatch_hz.max(1))
+    }
+}
+
+fn unexpected(awaited: &'static str, found: &Reply) -> PilError {
+    PilError::Unexpected {
+        awaited,
+        found: format!("{found:?}"),
+    }
+}
+
+/// `prefix` and a path.
+fn joined(prefix: &str, path: &Path) -> OsString {
+    let mut text = OsString::from(prefix);
+    text.push(path);
+    text
+}
+
+/// A new folder of this process's own.
+fn scratch_folder() -> Result<PathBuf, PilError> {
+    use std::sync::atomic::{AtomicU32, Ordering};
+    static COUNT: AtomicU32 = AtomicU32::new(0);
+    let number = COUNT.fetch_add(1, Ordering::Relaxed);
+    let path = std::env::temp_dir().join(format!("flexor-pil-{}-{number}", std::process::id()));
+    match std::fs::create_dir(&path) {
+        Ok(()) => Ok(path),
+        Err(source) => Err(PilError::Write { path, source }),
+    }
+}
+
+/// QEMU's connection; an error if it ends or stays silent instead.
+fn accept(listener: &UnixListener, child: &mut Child) -> io::Result<UnixStream> {
+    listener.set_nonblocking(true)?;
+    let begun = Instant::now();
+    loop {
+        match listener.accept() {
+            Ok((stream, _)) => {
+                stream.set_nonblocking(false)?;
+                stream.set_read_timeout(Some(PATIENCE))?;
+                return Ok(stream);
+            }
+            Err(error) if error.kind() != io::ErrorKind::WouldBlock => return Err(error),
+            Err(_) => {}
+        }
+        if let Some(status) = child.try_wait()? {
+            return Err(io::Error::other(format!("QEMU ended with {status}")));
+        }
+        if begun.elapsed() > PATIENCE {
+            return Err(io::ErrorKind::TimedOut.into());
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// What a run with a processor in the loop found.
+#[derive(Clone, Debug)]
+pub struct PilRun {
+    /// The closed loop, with the processor's torques on the plant.
+    pub run: Run,
+    /// Ticks compared.
+    pub ticks: usize,
+    /// Ticks whose commands differ in at least one bit.
+    pub differing_commands: usize,
+    /// The first of them.
+    pub first_difference: Option<usize>,
+    /// Stopwatch counts of each tick.
+    pub counts: Vec<u32>,
+    /// Status at the end.
+    pub status: Status,
+    /// Time that the run took, s.
+    pub wall_s: f64,
+}
+
+impl PilRun {
+    /// Least, median and most counts of a tick.
+    pub fn counts_spread(&self) -> [u32; 3] {
+        let mut sorted = self.counts.clone();
+        sorted.sort_unstable();
+        let at = |i: usize| sorted.get(i).copied().unwrap_or(0);
+        [
+            at(0),
+            at(sorted.len() / 2),
+            at(sorted.len().saturating_sub(1)),
+        ]
+    }
+}
+
+/// True when the processor's command equals the in-process one in every bit.
+fn same(reply: &TickReply, command: &Command<f32>) -> bool {
+    reply.torque.map(f32::to_bits) == command.torque.map(f32::to_bits)
+        && reply.tick == command.tick
+        && reply.limiting == command.limiting
+        && reply.fault == command.fault
+}
+
+/// Runs `plan` in closed loop: the plant gets the processor's torques, and the in-process
+/// controller the same measurements. The table in the processor's `slot` must be `image`.
+/// `progress` is told each tick.
+///
+/// # Errors
+/// [`PilError`].
+pub fn run(
+    processor: &mut Processor,
+    slot: Slot,
+    plan: &Plan,
+    image: &[u8],
+    options: &RunOptions,
+    mut progress: impl FnMut(usize),
+) -> Result<PilRun, PilError> {
+    processor.start(
+        slot,
+        &Setup {
+            arm: plan.model.arm,
+            law: options.law,
+            limits: options.limits,
+        },
+    )?;
+    let begun = Instant::now();
+    let mut counts = Vec::with_capacity(plan.points.len());
+    let mut differing_commands = 0;
+    let mut first_difference = None;
+    let mut failure = None;
+    let run = run_through::<f32>(plan, image, options, |measured, command| {
+        let tick = counts.len();
+        match processor.tick(tick as u32, measured) {
+            Ok(reply) => {
+                if !same(&reply, &command) {
+                    differing_commands += 1;
+                    first_difference.get_or_insert(tick);
+                }
+                counts.push(reply.counts);
+                progress(tick);
+                Some(Command {
+                    torque: reply.torque,
+                    limiting: reply.limiting,
+                    fault: reply.fault,
+                    ..command
+                })
+            }
+            Err(error) => {
+                failure = Some(error);
+                None
+            }
+        }
+    })?;
+    if let Some(error) = failure {
+        return Err(error);
+    }
+    Ok(PilRun {
+        ticks: counts.len(),
+        run,
+        differing_commands,
+        first_difference,
+        counts,
+        wall_s: begun.elapsed().as_secs_f64(),
+        status: processor.status()?,
+    })
+}
+
+/// Compares processor and in-process controller on `count` measurements of arbitrary bits:
+/// normal ranges, limits, denormals, infinities and NaN. Both begin again after a fault.
+/// Returns how many commands differ.
+///
+/// # Errors
+/// [`PilError`].
+pub fn compare_any(
+    processor: &mut Processor,
+    slot: Slot,
+    image: &[u8],
+    setup: &Setup,
+    count: u32,
+    seed: u64,
+) -> Result<u32, PilError> {
+    let table = Table::open(image).map_err(RunError::from)?;
+    let new = || -> Result<_, TableError> {
+        Controller::<f32>::new(&table, &setup.arm, &setup.law, &setup.limits)
+    };
+    let mut controller = new().map_err(RunError::from)?;
+    processor.start(slot, setup)?;
+    let mut random = SplitMix(seed);
+    let mut differing = 0;
+    for sequence in 0..count {
+        let measured = any_measurement(&mut random);
+        let reply = processor.tick(sequence, &measured)?;
+        let command = controller.tick(&measured);
+        differing += u32::from(!same(&reply, &command));
+        if command.fault.is_some() || reply.fault.is_some() {
+            controller.restart();
+            processor.start(slot, setup)?;
+        }
+    }
+    Ok(differing)
+}
+
+/// Steele, Lea and Flood's SplitMix64: the same numbers everywhere.
+struct SplitMix(u64);
+
+impl SplitMix {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+}
+
+/// Mostly a plausible value in +-4; one in 64 a special one or any bits at all.
+fn any_value(random: &mut SplitMix) -> f32 {
+    const SPECIAL: [u32; 12] = [
+        0,
+        0x8000_0000, // -0
+        1,           // least denormal
+        0x007f_ffff, // largest denormal
+        0x0080_0000, // least normal
+        0x7f7f_ffff, // largest
+        0xff7f_ffff,
+        0x7f80_0000, // infinities
+        0xff80_0000,
+        0x7fc0_0000, // NaN, quiet and signalling
+        0x7f80_0001,
+        0xffff_ffff,
+    ];
+    let bits = random.next();
+    let low = bits as u32;
+    match bits >> 58 {
+        0 if low % 3 != 0 => f32::from_bits(SPECIAL[(low % 12) as usize]),
+        0 => f32::from_bits(low),
+        _ => (f64::from(low) / f64::from(u32::MAX) * 8.0 - 4.0) as f32,
+    }
+}
+
+fn any_measurement(random: &mut SplitMix) -> Measurement<f32> {
+    let drive = [(); 2].map(|()| match random.next() % 8 {
+        0 => Limiting::FromAbove,
+        1 => Limiting::FromBelow,
+        _ => Limiting::No,
+    });
+    Measurement {
+        angle: [any_value(random), any_value(random)],
+        root_slope: any_value(random),
+        root_slope_rate: any_value(random),
+        force: any_value(random),
+        drive,
+    }
+}

@@ -1,0 +1,73 @@
+//! Flexor's chores. Each job of continuous integration is one verb.
+
+mod demo;
+mod firmware;
+mod pil;
+mod setup;
+
+use anyhow::{Context, Result, ensure};
+use clap::{Parser, Subcommand};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Flexor's chores.
+#[derive(Parser)]
+#[command(name = "cargo xtask")]
+struct Arguments {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Subcommand)]
+enum Verb {
+    /// Find or install the Cortex-M target and QEMU 10.
+    Setup {
+        /// Take the target from Debian's archive (xtask/setup-thumb.sh) without asking
+        /// rustup's servers.
+        #[arg(long)]
+        debian: bool,
+    },
+    /// Plan the demo's table and build the firmware's image around it.
+    Firmware,
+    /// Build the image and write it and its table to a board (needs probe-rs).
+    Flash,
+    /// Run the demo with the image in QEMU, or a board, in the loop and compare every
+    /// command bit by bit.
+    Pil(pil::Options),
+}
+
+fn main() -> Result<()> {
+    match Arguments::parse().verb {
+        Verb::Setup { debian } => setup::setup(debian),
+        Verb::Firmware => {
+            println!("{}", firmware::build()?.display());
+            Ok(())
+        }
+        Verb::Flash => firmware::flash(),
+        Verb::Pil(options) => pil::pil(&options),
+    }
+}
+
+/// The project's top folder.
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .map(Path::to_path_buf)
+        .unwrap_or_default()
+}
+
+/// Runs a command to its end.
+fn run(command: &mut Command) -> Result<()> {
+    let status = command
+        .status()
+        .with_context(|| format!("cannot start {}", command.get_program().display()))?;
+    ensure!(status.success(), "{command:?} ended with {status}");
+    Ok(())
+}
+
+/// A command's standard output; `None` if it cannot be run or fails.
+fn output(command: &mut Command) -> Option<String> {
+    let output = command.output().ok()?;
+    let text = String::from_utf8(output.stdout).ok()?;
+    output.status.success().then(|| text.trim().to_owned())
+}
