@@ -14,6 +14,22 @@ use shared::link::{Mode, TickReply};
 use shared::safety::{Interlocks, Watch};
 use shared::sensing::Sensing;
 
+/// The controller's tick, less the parts of its command that nobody reads here. The table
+/// columns behind those then need not be evaluated; inlined in one place only, or the
+/// compiler makes a copy of it for each mode.
+#[inline(never)]
+fn run(controller: &mut Controller<'static, f32>, measured: &Measurement<f32>) -> TickReply {
+    let command = controller.tick(measured);
+    TickReply {
+        sequence: 0,
+        tick: command.tick,
+        torque: command.torque,
+        limiting: command.limiting,
+        fault: command.fault,
+        counts: 0,
+    }
+}
+
 /// What the tick and the main loop share.
 pub struct Control {
     mode: Mode,
@@ -69,47 +85,43 @@ impl Control {
         self.measured = raw.fresh.then_some(measured);
         self.interlocks = board.drives.interlocks();
         self.ticks_total = self.ticks_total.wrapping_add(1);
-        match (self.mode, &mut self.controller) {
-            (Mode::Armed, Some(controller)) => {
-                let outside = self.watch.tick(self.interlocks, raw.fresh, self.late);
-                if let Some(fault) = outside {
-                    controller.trip(fault);
-                }
-                let command = controller.tick(&measured);
-                self.table_tick = command.tick;
-                match command.fault {
-                    None => board.drives.command(command.torque),
-                    fault => {
-                        board.drives.off();
-                        self.fault = fault;
-                        self.mode = Mode::Disarmed;
-                    }
-                }
+        let lock_step = self.mode == Mode::LockStep;
+        if lock_step == timer {
+            // In lock-step the host gives the pace, else the timer.
+            board.timebase.run(!lock_step);
+        }
+        let (sequence, input) = match self.mode {
+            Mode::Disarmed => (0, None),
+            Mode::Armed => (0, Some(measured)),
+            Mode::LockStep => self
+                .inbox
+                .take()
+                .map_or((0, None), |(sequence, measured)| (sequence, Some(measured))),
+        };
+        let mut torque = None;
+        if let (Some(input), Some(controller)) = (input, &mut self.controller) {
+            if !lock_step
+                && let Some(fault) = self.watch.tick(self.interlocks, raw.fresh, self.late)
+            {
+                controller.trip(fault);
             }
-            (Mode::LockStep, Some(controller)) => {
-                if timer {
-                    board.timebase.run(false);
-                }
-                board.drives.off();
-                if let Some((sequence, measured)) = self.inbox.take() {
-                    let command = controller.tick(&measured);
-                    self.table_tick = command.tick;
-                    self.outbox = Some(TickReply {
-                        sequence,
-                        tick: command.tick,
-                        torque: command.torque,
-                        limiting: command.limiting,
-                        fault: command.fault,
-                        counts: 0,
-                    });
-                }
+            let command = run(controller, &input);
+            self.table_tick = command.tick;
+            if lock_step {
+                self.outbox = Some(TickReply {
+                    sequence,
+                    ..command
+                });
+            } else if command.fault.is_some() {
+                self.fault = command.fault;
+                self.mode = Mode::Disarmed;
+            } else {
+                torque = Some(command.torque);
             }
-            _ => {
-                if !timer {
-                    board.timebase.run(true);
-                }
-                board.drives.off();
-            }
+        }
+        match torque {
+            Some(torque) => board.drives.command(torque),
+            None => board.drives.off(),
         }
         self.late = board.timebase.due();
         let counts = board.stopwatch.counts().wrapping_sub(begun);

@@ -141,6 +141,8 @@ impl Processor {
             device.push(format!(",addr={SLOT_B_ADDRESS:#x},force-raw=on"));
             arguments.push("-device".into());
             arguments.push(device);
+            // The loader takes no more than the machine's RAM, of which this board states none.
+            arguments.extend(["-m", "1M"].map(Into::into));
         }
         let program = "qemu-system-arm";
         let child = std::process::Command::new(program)

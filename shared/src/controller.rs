@@ -90,7 +90,8 @@ impl<'a, T: Number> Controller<'a, T> {
     }
 
     /// One control period: torques for what was measured.
-    #[inline]
+    // Always inlined, as `Cursor::reference` is and for the same reason.
+    #[inline(always)]
     pub fn tick(&mut self, measured: &Measurement<T>) -> Command<T> {
         let tick = self.cursor.tick();
         let reference = self.cursor.reference();

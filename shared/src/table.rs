@@ -82,6 +82,7 @@ pub struct Reference<T> {
 
 impl<T: Number> Reference<T> {
     /// The reference with the given column values.
+    #[inline]
     pub fn from_columns(columns: [T; COLUMNS]) -> Self {
         let [
             torque1,
@@ -640,24 +641,37 @@ impl<T: Number> Cursor<'_, T> {
     }
 
     /// The plan's values at the current tick.
-    #[inline]
+    // Always inlined: a caller that does not use all columns then does not pay for them
+    // (110 instructions of the tick on a Cortex-M4F).
+    #[inline(always)]
     pub fn reference(&self) -> Reference<T> {
         let u = T::from_i32(self.phase.cast_signed()) * self.phase_unit;
         let basis = basis(u);
-        let mut columns = [T::ZERO; COLUMNS];
         // open() has made sure that every piece has its rows, so there are four here.
-        if let Some(window) = self.rows.first_chunk::<4>() {
-            for (i, column) in columns.iter_mut().enumerate() {
-                let mut sum = T::ZERO;
-                for (weight, row) in basis.iter().zip(window) {
-                    let (raw, _) = row.as_chunks::<4>();
-                    let knot = raw.get(i).map_or(0, |bytes| i32::from_le_bytes(*bytes));
-                    sum += *weight * (T::from_i32(knot) * self.quantum[i]);
-                }
-                *column = sum;
+        let Some(window) = self.rows.first_chunk::<4>() else {
+            return Reference::default();
+        };
+        let column = |i: usize| {
+            let mut sum = T::ZERO;
+            for (weight, row) in basis.iter().zip(window) {
+                let (raw, _) = row.as_chunks::<4>();
+                let knot = raw.get(i).map_or(0, |bytes| i32::from_le_bytes(*bytes));
+                sum += *weight * T::from_i32(knot);
             }
-        }
-        Reference::from_columns(columns)
+            // A power of two, so it may as well be applied once at the end.
+            sum * self.quantum[i]
+        };
+        // Not by a loop over the columns: unused ones would not fall away.
+        Reference::from_columns([
+            column(0),
+            column(1),
+            column(2),
+            column(3),
+            column(4),
+            column(5),
+            column(6),
+            column(7),
+        ])
     }
 }
 
