@@ -89,12 +89,12 @@ impl Comms {
                 }
             }
             Request::Measured { sequence, measured } => {
-                control.lock(|c| c.put(sequence, measured));
-                pend();
-                match control.lock(Control::take) {
-                    Some(reply) => return Reply::Command(reply),
-                    None => Err(Refusal::NotInLockStep),
+                if control.lock(|c| c.put(sequence, measured)) {
+                    // The tick comes at once, being of higher priority.
+                    pend();
+                    return Reply::Command(control.lock(|c| c.result()));
                 }
+                Err(Refusal::NotInLockStep)
             }
         };
         match done {

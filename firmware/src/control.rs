@@ -8,26 +8,26 @@ use crate::board::constants::{CALIBRATION, SAFETY, TICK_RATE_HZ};
 use crate::board::stm32f405::TickBoard;
 use crate::board::{Drives, Inputs, Sensors, Stopwatch, Timebase};
 use shared::controller::Controller;
-use shared::guard::Fault;
+use shared::guard::{Fault, Limiting};
 use shared::law::Measurement;
 use shared::link::{Mode, TickReply};
 use shared::safety::{Interlocks, Watch};
 use shared::sensing::Sensing;
 
 /// The controller's tick, less the parts of its command that nobody reads here. The table
-/// columns behind those then need not be evaluated; inlined in one place only, or the
-/// compiler makes a copy of it for each mode.
+/// columns behind those then need not be evaluated. Not inlined, or the compiler makes a
+/// copy for each mode.
 #[inline(never)]
-fn run(controller: &mut Controller<'static, f32>, measured: &Measurement<f32>) -> TickReply {
+fn run(
+    controller: &mut Controller<'static, f32>,
+    measured: &Measurement<f32>,
+    result: &mut TickReply,
+) {
     let command = controller.tick(measured);
-    TickReply {
-        sequence: 0,
-        tick: command.tick,
-        torque: command.torque,
-        limiting: command.limiting,
-        fault: command.fault,
-        counts: 0,
-    }
+    result.tick = command.tick;
+    result.torque = command.torque;
+    result.limiting = command.limiting;
+    result.fault = command.fault;
 }
 
 /// What the tick and the main loop share.
@@ -37,13 +37,16 @@ pub struct Control {
     sensing: Sensing,
     watch: Watch,
     fault: Option<Fault>,
-    /// What the sensors said last; `None` when they gave nothing new.
-    measured: Option<Measurement<f32>>,
+    /// What the sensors said last.
+    measured: Measurement<f32>,
+    /// Whether that was new at the last tick.
+    fresh: bool,
     interlocks: Interlocks,
-    /// A measurement from the host, and its sequence number.
-    inbox: Option<(u32, Measurement<f32>)>,
-    outbox: Option<TickReply>,
-    table_tick: u32,
+    /// A measurement from the host.
+    inbox: Measurement<f32>,
+    inbox_full: bool,
+    /// What the last tick gave, and the sequence number of the measurement in the inbox.
+    outbox: TickReply,
     ticks_total: u32,
     counts_max: u32,
     late: bool,
@@ -60,14 +63,22 @@ impl Control {
             sensing: Sensing::new(&CALIBRATION, TICK_RATE_HZ),
             watch: Watch::new(&SAFETY),
             fault: None,
-            measured: None,
+            measured: Measurement::default(),
+            fresh: false,
             interlocks: Interlocks {
                 stop_released: false,
                 drives_well: false,
             },
-            inbox: None,
-            outbox: None,
-            table_tick: 0,
+            inbox: Measurement::default(),
+            inbox_full: false,
+            outbox: TickReply {
+                sequence: 0,
+                tick: 0,
+                torque: [0.0; 2],
+                limiting: [Limiting::No; 2],
+                fault: None,
+                counts: 0,
+            },
             ticks_total: 0,
             counts_max: 0,
             late: false,
@@ -81,8 +92,8 @@ impl Control {
         let begun = board.stopwatch.counts();
         let timer = board.timebase.acknowledge();
         let raw = board.sensors.sample();
-        let measured = self.sensing.measure(&raw);
-        self.measured = raw.fresh.then_some(measured);
+        self.measured = self.sensing.measure(&raw);
+        self.fresh = raw.fresh;
         self.interlocks = board.drives.interlocks();
         self.ticks_total = self.ticks_total.wrapping_add(1);
         let lock_step = self.mode == Mode::LockStep;
@@ -90,13 +101,10 @@ impl Control {
             // In lock-step the host gives the pace, else the timer.
             board.timebase.run(!lock_step);
         }
-        let (sequence, input) = match self.mode {
-            Mode::Disarmed => (0, None),
-            Mode::Armed => (0, Some(measured)),
-            Mode::LockStep => self
-                .inbox
-                .take()
-                .map_or((0, None), |(sequence, measured)| (sequence, Some(measured))),
+        let input = match self.mode {
+            Mode::Disarmed => None,
+            Mode::Armed => Some(&self.measured),
+            Mode::LockStep => core::mem::take(&mut self.inbox_full).then_some(&self.inbox),
         };
         let mut torque = None;
         if let (Some(input), Some(controller)) = (input, &mut self.controller) {
@@ -105,18 +113,14 @@ impl Control {
             {
                 controller.trip(fault);
             }
-            let command = run(controller, &input);
-            self.table_tick = command.tick;
-            if lock_step {
-                self.outbox = Some(TickReply {
-                    sequence,
-                    ..command
-                });
-            } else if command.fault.is_some() {
-                self.fault = command.fault;
-                self.mode = Mode::Disarmed;
-            } else {
-                torque = Some(command.torque);
+            run(controller, input, &mut self.outbox);
+            if !lock_step {
+                torque = Some(self.outbox.torque);
+                if self.outbox.fault.is_some() {
+                    torque = None;
+                    self.fault = self.outbox.fault;
+                    self.mode = Mode::Disarmed;
+                }
             }
         }
         match torque {
@@ -126,9 +130,7 @@ impl Control {
         self.late = board.timebase.due();
         let counts = board.stopwatch.counts().wrapping_sub(begun);
         self.counts_max = self.counts_max.max(counts);
-        if let Some(reply) = &mut self.outbox {
-            reply.counts = counts;
-        }
+        self.outbox.counts = counts;
     }
 
     /// Enables the drives from the next tick on. The caller has checked that it may.
@@ -147,8 +149,7 @@ impl Control {
     /// From the next tick on the host's measurements run the controller.
     pub fn start_lock_step(&mut self, controller: Controller<'static, f32>) {
         self.controller = Some(controller);
-        self.inbox = None;
-        self.outbox = None;
+        self.inbox_full = false;
         self.mode = Mode::LockStep;
     }
 
@@ -156,14 +157,16 @@ impl Control {
     pub fn put(&mut self, sequence: u32, measured: Measurement<f32>) -> bool {
         let running = self.mode == Mode::LockStep;
         if running {
-            self.inbox = Some((sequence, measured));
+            self.inbox = measured;
+            self.inbox_full = true;
+            self.outbox.sequence = sequence;
         }
         running
     }
 
-    /// The last lock-step tick's result, once.
-    pub fn take(&mut self) -> Option<TickReply> {
-        self.outbox.take()
+    /// What the last tick gave.
+    pub fn result(&self) -> TickReply {
+        self.outbox
     }
 
     /// True when the tick runs as it should: since the last call it has, or the host gives
@@ -185,7 +188,11 @@ impl Control {
 
     /// What [`shared::safety::may_arm`] wants to know.
     pub fn standing(&self) -> (Option<Fault>, Interlocks, Option<Measurement<f32>>) {
-        (self.fault, self.interlocks, self.measured)
+        (
+            self.fault,
+            self.interlocks,
+            self.fresh.then_some(self.measured),
+        )
     }
 
     /// Mode, tick of the table, latched fault, ticks since start, longest tick in
@@ -193,7 +200,7 @@ impl Control {
     pub fn report(&self) -> (Mode, u32, Option<Fault>, u32, u32) {
         let tick = match self.mode {
             Mode::Disarmed => 0,
-            Mode::Armed | Mode::LockStep => self.table_tick,
+            Mode::Armed | Mode::LockStep => self.outbox.tick,
         };
         (
             self.mode,

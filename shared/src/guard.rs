@@ -21,18 +21,6 @@ pub enum Limiting {
 }
 
 impl Limiting {
-    /// How `given` limits `wanted`.
-    #[inline]
-    pub fn of<T: Number>(wanted: T, given: T) -> Self {
-        if wanted > given {
-            Self::FromAbove
-        } else if wanted < given {
-            Self::FromBelow
-        } else {
-            Self::No
-        }
-    }
-
     /// This limit, or the `other` where this one is not active.
     #[inline]
     pub fn or(self, other: Self) -> Self {
@@ -157,18 +145,26 @@ impl<T: Number> Guard<T> {
         wanted: [T; 2],
     ) -> Result<([T; 2], [Limiting; 2]), Fault> {
         let mut given = wanted;
-        for (joint, torque) in given.iter_mut().enumerate() {
+        let mut limiting = [Limiting::No; 2];
+        for joint in 0..2 {
+            let (mut low, mut high) = (-self.torque[joint], self.torque[joint]);
             if let Some(previous) = previous {
+                // The previous torque was within its limit, so low stays below high.
                 let step = self.step[joint];
-                *torque = torque.limited(previous[joint] - step, previous[joint] + step);
+                low = low.larger(previous[joint] - step);
+                high = high.smaller(previous[joint] + step);
             }
-            *torque = torque.limited(-self.torque[joint], self.torque[joint]);
-            if !torque.is_finite() {
-                return Err(Fault::TorqueNotFinite);
+            if wanted[joint] < low {
+                (given[joint], limiting[joint]) = (low, Limiting::FromBelow);
+            } else if wanted[joint] > high {
+                (given[joint], limiting[joint]) = (high, Limiting::FromAbove);
             }
         }
-        let limiting = [0, 1].map(|joint| Limiting::of(wanted[joint], given[joint]));
-        Ok((given, limiting))
+        if T::all_finite(given) {
+            Ok((given, limiting))
+        } else {
+            Err(Fault::TorqueNotFinite)
+        }
     }
 }
 

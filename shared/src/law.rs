@@ -116,11 +116,13 @@ pub struct Measurement<T> {
 impl<T: Number> Measurement<T> {
     /// True when every number is finite.
     pub fn is_finite(&self) -> bool {
-        self.angle[0].is_finite()
-            && self.angle[1].is_finite()
-            && self.root_slope.is_finite()
-            && self.root_slope_rate.is_finite()
-            && self.force.is_finite()
+        T::all_finite([
+            self.angle[0],
+            self.angle[1],
+            self.root_slope,
+            self.root_slope_rate,
+            self.force,
+        ])
     }
 }
 

@@ -52,9 +52,27 @@ pub trait Number:
     /// False for NaN and the infinities.
     fn is_finite(self) -> bool;
 
+    /// True when none of `values` is NaN or infinite. The difference of such a value from
+    /// itself is not zero, which takes half the instructions of looking at each.
+    #[inline]
+    fn all_finite<const N: usize>(values: [Self; N]) -> bool {
+        let zero = values.iter().fold(Self::ZERO, |sum, x| sum + (*x - *x));
+        zero == Self::ZERO
+    }
+
     /// |self|.
     fn magnitude(self) -> Self {
         if self < Self::ZERO { -self } else { self }
+    }
+
+    /// The larger of two; `self` if they do not compare.
+    fn larger(self, other: Self) -> Self {
+        if other > self { other } else { self }
+    }
+
+    /// The smaller of two; `self` if they do not compare.
+    fn smaller(self, other: Self) -> Self {
+        if other < self { other } else { self }
     }
 
     /// The nearest value within `[low, high]`; NaN stays NaN.
@@ -169,6 +187,19 @@ mod tests {
         assert_eq!(0.49_f64.round_to_i32(), 0);
         assert_eq!(f32::INFINITY.round_to_i32(), i32::MAX);
         assert_eq!(f32::NAN.round_to_i32(), 0);
+    }
+
+    #[test]
+    fn one_value_that_is_not_finite_shows_among_others() {
+        assert!(f32::all_finite([f32::MAX, f32::MIN, 1e-45, -0.0]));
+        for bad in [f32::NAN, -f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            for at in 0..3 {
+                let mut values = [f32::MAX, -f32::MAX, 1.0];
+                values[at] = bad;
+                assert!(!f32::all_finite(values));
+            }
+        }
+        assert!(!f32::all_finite([f32::INFINITY, f32::NEG_INFINITY]));
     }
 
     #[test]

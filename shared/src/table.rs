@@ -651,13 +651,16 @@ impl<T: Number> Cursor<'_, T> {
         let Some(window) = self.rows.first_chunk::<4>() else {
             return Reference::default();
         };
+        let knot = |row: &[u8; ROW_BYTES], i: usize| {
+            let (raw, _) = row.as_chunks::<4>();
+            T::from_i32(raw.get(i).map_or(0, |bytes| i32::from_le_bytes(*bytes)))
+        };
         let column = |i: usize| {
-            let mut sum = T::ZERO;
-            for (weight, row) in basis.iter().zip(window) {
-                let (raw, _) = row.as_chunks::<4>();
-                let knot = raw.get(i).map_or(0, |bytes| i32::from_le_bytes(*bytes));
-                sum += *weight * T::from_i32(knot);
-            }
+            let [a, b, c, d] = window;
+            let sum = basis[0] * knot(a, i)
+                + basis[1] * knot(b, i)
+                + basis[2] * knot(c, i)
+                + basis[3] * knot(d, i);
             // A power of two, so it may as well be applied once at the end.
             sum * self.quantum[i]
         };
