@@ -8,6 +8,7 @@
 //! hangs below the line to the tip, stable under gravity) and *up* otherwise (an
 //! inverted pendulum). *Chord* is the straight line from joint 2 to the tip.
 
+use crate::CRC32;
 use crate::number::Real;
 use core::fmt;
 use serde::{Deserialize, Serialize};
@@ -55,8 +56,7 @@ impl ArmParameters {
     /// A table carries the fingerprint of the arm it was planned for; a controller
     /// refuses a table with another arm's.
     pub fn fingerprint(&self) -> u32 {
-        let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
-        let mut digest = crc.digest();
+        let mut digest = CRC32.digest();
         digest.update(b"flexor arm 1");
         for value in [
             self.link1_length_m,

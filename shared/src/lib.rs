@@ -42,3 +42,7 @@ pub mod safety;
 pub mod sensing;
 pub mod table;
 pub mod trig;
+
+/// CRC-32 (ISO-HDLC) of tables, link frames and fingerprints. A static: a local one builds
+/// its table of 1 KiB on the stack.
+static CRC32: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);

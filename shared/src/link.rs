@@ -58,6 +58,7 @@
 //! host's measurement in place of the sensors'. The drives stay disabled. The sequence
 //! number comes back unchanged.
 
+use crate::CRC32;
 use crate::arm::ArmParameters;
 use crate::guard::{Fault, LimitParameters, Limiting};
 use crate::law::{LawParameters, Measurement};
@@ -75,8 +76,6 @@ pub const PAYLOAD_MAX: usize = 253;
 
 /// Most bytes of a frame on the line.
 pub const FRAME_MAX: usize = PAYLOAD_MAX + 2;
-
-const CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 
 /// A place for a table in flash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -110,14 +109,14 @@ impl Setup {
     /// # Errors
     /// [`FrameTooLong`] if the buffer is too short.
     pub fn encode<'b>(&self, buffer: &'b mut [u8]) -> Result<&'b [u8], FrameTooLong> {
-        postcard::to_slice_crc32(self, buffer, CRC.digest())
+        postcard::to_slice_crc32(self, buffer, CRC32.digest())
             .map(|bytes| &*bytes)
             .map_err(|_| FrameTooLong)
     }
 
     /// Reads what [`encode`](Self::encode) wrote; `None` if it is damaged.
     pub fn decode(bytes: &[u8]) -> Option<Self> {
-        postcard::from_bytes_crc32(bytes, CRC.digest()).ok()
+        postcard::from_bytes_crc32(bytes, CRC32.digest()).ok()
     }
 }
 
@@ -366,7 +365,7 @@ pub fn encode<'b, M: Serialize>(
     let stuffing = Cobs::try_new(Slice::new(buffer)).map_err(|_| FrameTooLong)?;
     postcard::serialize_with_flavor(
         &(VERSION, message),
-        CrcModifier::new(stuffing, CRC.digest()),
+        CrcModifier::new(stuffing, CRC32.digest()),
     )
     .map(|bytes| &*bytes)
     .map_err(|_| FrameTooLong)
@@ -442,7 +441,7 @@ impl Receiver {
         let (body, crc) = payload
             .split_last_chunk::<4>()
             .ok_or((|e| &mut e.crc) as fn(&mut FrameErrors) -> &mut u32)?;
-        if CRC.checksum(body) != u32::from_le_bytes(*crc) {
+        if CRC32.checksum(body) != u32::from_le_bytes(*crc) {
             return Err(|e| &mut e.crc);
         }
         match body.split_first() {
@@ -495,7 +494,7 @@ mod tests {
     /// A frame around any payload, with a good CRC.
     fn raw_frame(body: &[u8]) -> Vec<u8> {
         let mut payload = body.to_vec();
-        payload.extend(CRC.checksum(body).to_le_bytes());
+        payload.extend(CRC32.checksum(body).to_le_bytes());
         let mut bytes = std::vec![0; cobs::max_encoding_length(payload.len())];
         let length = cobs::encode(&payload, &mut bytes);
         bytes.truncate(length);

@@ -56,8 +56,8 @@ pub trait Number:
     /// itself is not zero, which takes half the instructions of looking at each.
     #[inline]
     fn all_finite<const N: usize>(values: [Self; N]) -> bool {
-        let zero = values.iter().fold(Self::ZERO, |sum, x| sum + (*x - *x));
-        zero == Self::ZERO
+        let zeros = values.map(|x| x - x);
+        zeros.into_iter().reduce(Add::add).unwrap_or(Self::ZERO) == Self::ZERO
     }
 
     /// |self|.

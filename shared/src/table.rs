@@ -37,6 +37,7 @@
 //! to be *held* from tick `k` to `k + 1`, the plan's value in the middle of that
 //! period; all other columns are the plan at tick `k` itself.
 
+use crate::CRC32;
 use crate::number::Number;
 use core::fmt;
 
@@ -60,7 +61,6 @@ pub const RAW_MAX: i32 = 1 << 30;
 
 /// Offset of the CRC in the header, which it does not cover.
 const CRC_OFFSET: usize = 44;
-const CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 
 /// The plan's values at one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -354,7 +354,7 @@ impl<'b> TableWriter<'b> {
 
 /// Checksum of an image at least as long as the header.
 fn checksum(image: &[u8]) -> u32 {
-    let mut digest = CRC.digest();
+    let mut digest = CRC32.digest();
     digest.update(&image[..CRC_OFFSET]);
     digest.update(&image[HEADER_BYTES..]);
     digest.finalize()

@@ -56,6 +56,11 @@ pub(crate) fn build() -> Result<PathBuf> {
     Ok(folder.join("release/firmware"))
 }
 
+/// Lints the image's sources.
+pub(crate) fn clippy() -> Result<()> {
+    run(cargo("clippy")?.args(["--", "-D", "warnings"]))
+}
+
 /// Builds the image and writes it, table included, to a board.
 pub(crate) fn flash() -> Result<()> {
     let elf = build()?;

@@ -1,7 +1,10 @@
 //! Flexor's chores. Each job of continuous integration is one verb.
 
+mod budget;
+mod ci;
 mod demo;
 mod firmware;
+mod image;
 mod pil;
 mod setup;
 
@@ -34,6 +37,13 @@ enum Verb {
     /// Run the demo with the image in QEMU, or a board, in the loop and compare every
     /// command bit by bit.
     Pil(pil::Options),
+    /// Hold flash, RAM, stack and instructions per tick against firmware/budget.toml, and
+    /// check that the tick cannot panic.
+    Budget(budget::Options),
+    /// Run every test, those with the image in QEMU included.
+    Test,
+    /// Everything that continuous integration checks.
+    Ci,
 }
 
 fn main() -> Result<()> {
@@ -45,6 +55,9 @@ fn main() -> Result<()> {
         }
         Verb::Flash => firmware::flash(),
         Verb::Pil(options) => pil::pil(&options),
+        Verb::Budget(options) => budget::budget(&options),
+        Verb::Test => ci::test(),
+        Verb::Ci => ci::ci(),
     }
 }
 

@@ -8,7 +8,7 @@ use serde::Serialize;
 use shared::link::Slot;
 
 /// Options of the verb `pil`.
-#[derive(Args)]
+#[derive(Args, Default)]
 pub(crate) struct Options {
     /// A real board's serial port; without it QEMU runs the image.
     #[arg(long)]

@@ -256,8 +256,8 @@ impl Sensors for EncodersAndAdc {
     #[inline]
     fn sample(&mut self) -> RawSample {
         let fresh = self.adc.sr().read().jeoc().bit_is_set();
-        // Flags are cleared by writing 0; writing 1 leaves them.
-        self.adc.sr().modify(|_, w| w.jeoc().clear_bit());
+        // SAFETY: writing 0 clears a flag and 1 leaves it; this clears JEOC (bit 2).
+        self.adc.sr().write(|w| unsafe { w.bits(!(1 << 2)) });
         RawSample {
             encoder: [
                 self.tim3.cnt().read().bits() as u16,

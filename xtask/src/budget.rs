@@ -1,0 +1,127 @@
+//! What the firmware takes, held against `firmware/budget.toml`.
+
+use crate::image::{check_panic_free, sizes};
+use crate::{demo, firmware, root};
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+use host_sim::pil::{self, Processor};
+use serde::{Deserialize, Serialize};
+use shared::link::Slot;
+use std::fs;
+
+/// Options of the verb `budget`.
+#[derive(Args, Default)]
+pub(crate) struct Options {
+    /// Write what was measured to the golden file.
+    #[arg(long)]
+    update: bool,
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What the default image takes on the paper's task.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Budget {
+    /// Image without table, bytes.
+    flash_bytes: u64,
+    /// Static data, bytes.
+    ram_bytes: u64,
+    /// Deepest stack, bytes.
+    stack_bytes: u64,
+    /// Instructions of a tick, median.
+    tick_instructions_median: u64,
+    /// The same, most.
+    tick_instructions_max: u64,
+}
+
+/// What may never be exceeded.
+const BARS: Budget = Budget {
+    flash_bytes: 64 * 1024,
+    ram_bytes: 16 * 1024,
+    stack_bytes: 4 * 1024,
+    tick_instructions_median: 500,
+    tick_instructions_max: 800,
+};
+
+/// Excess over the golden file that passes, percent: another compiler version makes a few
+/// instructions more or less of the same source.
+const TOLERANCE_PERCENT: u64 = 3;
+
+impl Budget {
+    fn entries(&self) -> [(&'static str, u64); 5] {
+        [
+            ("flash_bytes", self.flash_bytes),
+            ("ram_bytes", self.ram_bytes),
+            ("stack_bytes", self.stack_bytes),
+            ("tick_instructions_median", self.tick_instructions_median),
+            ("tick_instructions_max", self.tick_instructions_max),
+        ]
+    }
+
+    /// What exceeds `limit` by more than so many percent.
+    fn excess(&self, limit: &Self, percent: u64) -> Vec<String> {
+        self.entries()
+            .into_iter()
+            .zip(limit.entries())
+            .filter(|((_, is), (_, most))| is * 100 > most * (100 + percent))
+            .map(|((name, is), (_, most))| format!("{name} is {is}, at most {most} was expected"))
+            .collect()
+    }
+}
+
+/// Builds, measures, compares.
+pub(crate) fn budget(options: &Options) -> Result<()> {
+    let elf = firmware::build()?;
+    check_panic_free(&elf)?;
+    let sizes = sizes(&elf)?;
+    let (plan, table) = demo::table()?;
+    let mut processor = Processor::emulated(&elf, None)?;
+    let options_of_run = demo::options();
+    let run = pil::run(
+        &mut processor,
+        Slot::A,
+        &plan,
+        &table.image,
+        &options_of_run,
+        |_| {},
+    )?;
+    let [_, median, max] = run
+        .counts_spread()
+        .map(|counts| processor.instructions(counts));
+    let none = "the firmware's stopwatch does not count";
+    let measured = Budget {
+        flash_bytes: sizes.flash,
+        ram_bytes: sizes.ram,
+        stack_bytes: run.status.stack_bytes.into(),
+        tick_instructions_median: median.context(none)?.into(),
+        tick_instructions_max: max.context(none)?.into(),
+    };
+    if options.json {
+        println!("{}", serde_json::to_string_pretty(&measured)?);
+    } else {
+        for ((name, is), (_, bar)) in measured.entries().into_iter().zip(BARS.entries()) {
+            println!("{name:26} {is:6}  of {bar:6}");
+        }
+        println!("no panic is reachable from the tick");
+    }
+    let golden = root().join("firmware/budget.toml");
+    if options.update {
+        let text = format!(
+            "# Written by `cargo xtask budget --update`; what the default image takes.\n{}",
+            toml::to_string(&measured)?
+        );
+        fs::write(&golden, text)?;
+    }
+    let text =
+        fs::read_to_string(&golden).with_context(|| format!("cannot read {}", golden.display()))?;
+    let mut excess = measured.excess(&toml::from_str(&text)?, TOLERANCE_PERCENT);
+    excess.extend(measured.excess(&BARS, 0));
+    ensure!(
+        excess.is_empty(),
+        "over budget: {}; if that is meant, `cargo xtask budget --update`",
+        excess.join("; ")
+    );
+    Ok(())
+}

@@ -1,0 +1,50 @@
+//! What continuous integration does, and what it stands on.
+
+use crate::{budget, firmware, pil, root, run};
+use anyhow::Result;
+use std::process::Command;
+
+fn cargo(arguments: &[&str]) -> Result<()> {
+    println!("cargo {}", arguments.join(" "));
+    run(Command::new("cargo").current_dir(root()).args(arguments))
+}
+
+/// Every host test, and those that need the image in QEMU.
+pub(crate) fn test() -> Result<()> {
+    cargo(&["test", "--workspace"])?;
+    let elf = firmware::build()?;
+    let mut tests = Command::new("cargo");
+    tests
+        .current_dir(root())
+        .args([
+            "test",
+            "--package",
+            "tests",
+            "--test",
+            "firmware",
+            "--",
+            "--ignored",
+        ])
+        .env("FLEXOR_ELF", elf);
+    run(&mut tests)
+}
+
+/// Formats, lints, tests, bit identity, budget.
+pub(crate) fn ci() -> Result<()> {
+    cargo(&["fmt", "--all", "--check"])?;
+    run(Command::new("cargo")
+        .current_dir(root().join("firmware"))
+        .args(["fmt", "--check"]))?;
+    cargo(&[
+        "clippy",
+        "--workspace",
+        "--all-targets",
+        "--",
+        "-D",
+        "warnings",
+    ])?;
+    firmware::clippy()?;
+    test()?;
+    pil::pil(&pil::Options::default())?;
+    budget::budget(&budget::Options::default())
+}
