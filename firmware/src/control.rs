@@ -55,12 +55,13 @@ pub struct Control {
 }
 
 impl Control {
-    /// Disarmed.
-    pub fn new() -> Self {
+    /// Disarmed, at the home pose.
+    pub fn new(board: &mut TickBoard) -> Self {
+        let first = board.sensors.sample();
         Self {
             mode: Mode::Disarmed,
             controller: None,
-            sensing: Sensing::new(&CALIBRATION, TICK_RATE_HZ),
+            sensing: Sensing::new(&CALIBRATION, TICK_RATE_HZ, &first),
             watch: Watch::new(&SAFETY),
             fault: None,
             measured: Measurement::default(),

@@ -75,7 +75,7 @@ mod app {
     ])]
     fn init(context: init::Context) -> (Shared, Local) {
         stack::paint();
-        let board = Board::new(context.device);
+        let mut board = Board::new(context.device);
         let start = last_words::take(board.watchdog_reset);
         let nops = calibrate(&board.tick.stopwatch);
         let comms = Comms::new(&board.clocks, nops, start);
@@ -90,7 +90,7 @@ mod app {
         let (received, from_host) = context.local.receive.split();
         let (to_host, to_send) = context.local.transmit.split();
         let shared = Shared {
-            control: Control::new(),
+            control: Control::new(&mut board.tick),
             bytes_lost: 0,
         };
         let local = Local {

@@ -138,7 +138,8 @@ pub struct Law<T> {
     force_filter: T,
     slope_rate_filter: T,
     projection: ForceProjection,
-    slope_rate_feedback: SlopeRateFeedback,
+    /// Share of the planned slope rate that is subtracted: 1, or 0 as printed.
+    planned_slope_rate: T,
     feedforward: T,
 }
 
@@ -189,7 +190,10 @@ impl<T: Number> Law<T> {
             force_filter: T::from_f64(filter(parameters.force_filter_hz)),
             slope_rate_filter: T::from_f64(filter(parameters.slope_rate_filter_hz)),
             projection: parameters.force_projection,
-            slope_rate_feedback: parameters.slope_rate_feedback,
+            planned_slope_rate: match parameters.slope_rate_feedback {
+                SlopeRateFeedback::Deviation => T::ONE,
+                SlopeRateFeedback::AsPrinted => T::ZERO,
+            },
             feedforward: if parameters.feedforward {
                 T::ONE
             } else {
@@ -225,10 +229,8 @@ impl<T: Number> Law<T> {
         };
         let projection = [lever1 + lever2, s2];
 
-        let slope_rate = match self.slope_rate_feedback {
-            SlopeRateFeedback::Deviation => measured.root_slope_rate - reference.root_slope_rate,
-            SlopeRateFeedback::AsPrinted => measured.root_slope_rate,
-        };
+        let slope_rate =
+            measured.root_slope_rate - self.planned_slope_rate * reference.root_slope_rate;
         let before = state.filtered_slope_rate.unwrap_or(slope_rate);
         let slope_rate = before + self.slope_rate_filter * (slope_rate - before);
         state.filtered_slope_rate = Some(slope_rate);

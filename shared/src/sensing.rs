@@ -47,25 +47,27 @@ pub struct Calibration {
 pub struct Sensing {
     calibration: Calibration,
     tick_rate: f32,
-    previous: Option<Previous>,
-    position: [i32; 2],
-}
-
-#[derive(Clone, Copy, Debug)]
-struct Previous {
     encoder: [u16; 2],
+    position: [i32; 2],
     root_slope: f32,
 }
 
 impl Sensing {
-    /// Begins at the home pose, which the first sample shows.
-    pub fn new(calibration: &Calibration, tick_rate_hz: u32) -> Self {
+    /// Begins at the home pose, where `first` was sampled.
+    pub fn new(calibration: &Calibration, tick_rate_hz: u32, first: &RawSample) -> Self {
         Self {
             calibration: *calibration,
             tick_rate: tick_rate_hz as f32,
-            previous: None,
+            encoder: first.encoder,
             position: [0; 2],
+            root_slope: Self::root_slope(calibration, first),
         }
+    }
+
+    /// Slope of link 2 at its root, rad.
+    #[inline]
+    fn root_slope(calibration: &Calibration, raw: &RawSample) -> f32 {
+        (f32::from(raw.strain) - calibration.slope_rad.1) * calibration.slope_rad.0
     }
 
     /// The measurement of a sample; call it once a tick, whether the result is wanted or
@@ -73,26 +75,18 @@ impl Sensing {
     #[inline]
     pub fn measure(&mut self, raw: &RawSample) -> Measurement<f32> {
         let c = &self.calibration;
-        let root_slope = (f32::from(raw.strain) - c.slope_rad.1) * c.slope_rad.0;
-        let previous = self.previous.unwrap_or(Previous {
-            encoder: raw.encoder,
-            root_slope,
-        });
+        let root_slope = Self::root_slope(c, raw);
+        let before = core::mem::replace(&mut self.root_slope, root_slope);
         let motor = [0, 1].map(|i| {
-            let step = raw.encoder[i]
-                .wrapping_sub(previous.encoder[i])
-                .cast_signed();
+            let step = raw.encoder[i].wrapping_sub(self.encoder[i]).cast_signed();
             self.position[i] = self.position[i].wrapping_add(i32::from(step));
             c.home_rad[i] + self.position[i] as f32 * c.encoder_rad[i]
         });
-        self.previous = Some(Previous {
-            encoder: raw.encoder,
-            root_slope,
-        });
+        self.encoder = raw.encoder;
         Measurement {
             angle: [motor[0], motor[0] + motor[1] - root_slope],
             root_slope,
-            root_slope_rate: (root_slope - previous.root_slope) * self.tick_rate,
+            root_slope_rate: (root_slope - before) * self.tick_rate,
             force: (f32::from(raw.force) - c.force_n.1) * c.force_n.0,
             drive: [Limiting::No; 2],
         }
@@ -113,13 +107,13 @@ mod tests {
 
     #[test]
     fn counts_become_the_models_quantities() {
-        let mut sensing = Sensing::new(&CALIBRATION, 1000);
         let first = RawSample {
             encoder: [65_530, 7],
             force: 2148,
             strain: 2100,
             fresh: true,
         };
+        let mut sensing = Sensing::new(&CALIBRATION, 1000, &first);
         let m = sensing.measure(&first);
         assert!((m.angle[0] - 0.5).abs() < 1e-6);
         // theta20 = theta10 + motor2 - w'(0)
@@ -138,9 +132,8 @@ mod tests {
     proptest! {
         #[test]
         fn positions_follow_any_motion(steps in proptest::collection::vec(-32_767..32_767_i32, 1..200)) {
-            let mut sensing = Sensing::new(&CALIBRATION, 5000);
+            let mut sensing = Sensing::new(&CALIBRATION, 5000, &RawSample::default());
             let mut position = 0_i32;
-            sensing.measure(&RawSample::default());
             for step in steps {
                 position += step;
                 let raw = RawSample { encoder: [position as u16, 0], ..RawSample::default() };
