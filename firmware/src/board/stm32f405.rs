@@ -371,12 +371,10 @@ impl Tim2 {
         // PWM mode 2: the channel rises when the count reaches CCR1.
         tim.ccmr1_output().write(|w| w.oc1m().pwm_mode2());
         tim.ccer().write(|w| w.cc1e().set_bit());
-        tim.egr().write(|w| w.ug().update());
-        // SAFETY: all flags cleared.
-        tim.sr().write(|w| unsafe { w.bits(0) });
         tim.dier().write(|w| w.uie().enabled());
-        tim.cr1().write(|w| w.cen().enabled());
-        Self(tim)
+        let mut timer = Self(tim);
+        timer.run(true);
+        timer
     }
 }
 
@@ -397,7 +395,14 @@ impl Timebase for Tim2 {
     }
 
     fn run(&mut self, run: bool) {
-        self.0.cr1().write(|w| w.cen().bit(run));
+        // URS: the restart of the period below is no reason for an interrupt.
+        self.0
+            .cr1()
+            .write(|w| w.cen().bit(run).urs().counter_only());
+        if run {
+            // A whole period from now on; QEMU's timer starts again by nothing else.
+            self.0.egr().write(|w| w.ug().update());
+        }
     }
 }
 
