@@ -25,6 +25,7 @@ pub struct Comms {
 impl Comms {
     /// Reads the image's setup.
     pub fn new(clocks: &Clocks, counts_per_1000_nops: u32, start: StartReason) -> Self {
+        defmt::info!("start: {}, clock: {}", start, clocks.source);
         Self {
             setup: slots::setup(),
             clock: clocks.source,
@@ -39,7 +40,11 @@ impl Comms {
         let arm_fingerprint = self.setup.map(|setup| setup.arm.fingerprint());
         // Without an arm no table fits; 0 stands for it as good as any number.
         let slots = Slot::ALL.map(|slot| {
-            slots::open(slot, arm_fingerprint.unwrap_or(0)).map(|table| TableIdentity::from(&table))
+            let table = slots::open(slot, arm_fingerprint.unwrap_or(0));
+            if let Err(error) = table {
+                defmt::info!("slot {}: no usable table, {}", slot, error);
+            }
+            table.map(|table| TableIdentity::from(&table))
         });
         Reply::Identity(Identity {
             git: identity::GIT,
@@ -99,7 +104,10 @@ impl Comms {
         };
         match done {
             Ok(()) => Reply::Done,
-            Err(refusal) => Reply::Refused(refusal),
+            Err(refusal) => {
+                defmt::warn!("refused: {}", refusal);
+                Reply::Refused(refusal)
+            }
         }
     }
 

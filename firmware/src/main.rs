@@ -15,6 +15,9 @@
 #![no_std]
 #![no_main]
 
+// The logger: into a buffer that a debug probe reads (RTT).
+use defmt_rtt as _;
+
 mod board;
 mod comms;
 mod control;
@@ -152,11 +155,20 @@ mod app {
             rtic::pend(Interrupt::USART1);
         };
         let mut receiver = Receiver::new();
+        let mut fault = None;
         // The host may have been listening before this started.
         send(&local.comms.identity());
         loop {
             if control.lock(Control::alive) {
                 local.watchdog.feed();
+            }
+            let latched = control.lock(|control| control.report().2);
+            if fault != latched {
+                fault = latched;
+                match fault {
+                    Some(fault) => defmt::error!("stopped by {}, drives off", fault),
+                    None => defmt::info!("fault acknowledged"),
+                }
             }
             let Some(byte) = local.from_host.dequeue() else {
                 // With interrupts masked a request between the look and the sleep still

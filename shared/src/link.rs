@@ -79,6 +79,7 @@ pub const FRAME_MAX: usize = PAYLOAD_MAX + 2;
 
 /// A place for a table in flash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Slot {
     /// The first, preferred.
     A,
@@ -186,6 +187,7 @@ pub struct TickReply {
 
 /// Where the core's clock comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ClockSource {
     /// Crystal and PLL, as designed.
     Crystal,
@@ -197,6 +199,7 @@ pub enum ClockSource {
 
 /// Why a slot's table is not usable. Numbers (the variant's index) are stable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SlotError {
     /// Shorter or longer than its header says, or than the slot.
     Length,
@@ -250,6 +253,7 @@ impl From<&Table<'_>> for TableIdentity {
 
 /// Why the microcontroller started.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum StartReason {
     /// Power, reset line, or a debugger.
     Normal,

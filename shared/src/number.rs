@@ -55,6 +55,7 @@ pub trait Number:
     /// True when none of `values` is NaN or infinite. The difference of such a value from
     /// itself is not zero, which takes half the instructions of looking at each.
     #[inline]
+    #[allow(clippy::eq_op)]
     fn all_finite<const N: usize>(values: [Self; N]) -> bool {
         let zeros = values.map(|x| x - x);
         zeros.into_iter().reduce(Add::add).unwrap_or(Self::ZERO) == Self::ZERO

@@ -23,6 +23,7 @@ pub struct Interlocks {
 
 /// Why the microcontroller does not do what it was asked.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Refusal {
     /// Armed, or in lock-step; the request needs a disarmed arm.
     Busy,

@@ -104,7 +104,8 @@ pub const SAFETY: SafetyLimits = SafetyLimits {
 
 const _: () = {
     assert!(CORE_PLL_HZ == PLL_INPUT_HZ * PLL_N as u32 / 2);
-    assert!(CRYSTAL_HZ % PLL_INPUT_HZ == 0 && INTERNAL_HZ % PLL_INPUT_HZ == 0);
-    assert!((CORE_PLL_HZ / 2) % TICK_RATE_HZ == 0 && INTERNAL_HZ % TICK_RATE_HZ == 0);
-    assert!((CORE_PLL_HZ / 2) % BAUD == 0 && INTERNAL_HZ % BAUD == 0);
+    assert!(CRYSTAL_HZ.is_multiple_of(PLL_INPUT_HZ) && INTERNAL_HZ.is_multiple_of(PLL_INPUT_HZ));
+    let [fast, slow] = [CORE_PLL_HZ / 2, INTERNAL_HZ];
+    assert!(fast.is_multiple_of(TICK_RATE_HZ) && slow.is_multiple_of(TICK_RATE_HZ));
+    assert!(fast.is_multiple_of(BAUD) && slow.is_multiple_of(BAUD));
 };
