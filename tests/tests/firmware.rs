@@ -2,7 +2,7 @@
 //! the image and runs these; `FLEXOR_ELF` says where it is.
 
 use host_sim::pil::{PilError, Processor, compare_any};
-use object::{Object, ObjectSection};
+use object::{Object, ObjectSection, ObjectSymbol};
 use shared::arm::{ArmParameters, Elbow};
 use shared::guard::{Fault, LimitParameters};
 use shared::law::{LawParameters, Measurement};
@@ -65,9 +65,14 @@ fn table() -> Vec<u8> {
 
 /// QEMU with a changed table in slot A, and perhaps one in slot B.
 fn boot(change: impl FnOnce(&mut [u8]), slot_b: Option<&[u8]>) -> Processor {
-    static COUNT: AtomicU32 = AtomicU32::new(0);
     let (mut bytes, range) = image();
     change(&mut bytes[range]);
+    boot_image(&bytes, slot_b)
+}
+
+/// QEMU with any image.
+fn boot_image(bytes: &[u8], slot_b: Option<&[u8]>) -> Processor {
+    static COUNT: AtomicU32 = AtomicU32::new(0);
     let name = format!(
         "flexor-test-{}-{}.elf",
         std::process::id(),
@@ -207,6 +212,42 @@ fn lock_step_begins_and_ends_on_request() {
         processor.start(Slot::A, &another_arm),
         Err(PilError::Refused(Refusal::Table(SlotError::Fingerprint)))
     ));
+}
+
+#[test]
+#[ignore = "needs the image: cargo xtask test"]
+fn a_fault_resets_and_the_next_start_reports_it() {
+    let (mut bytes, _) = image();
+    let file = object::File::parse(&*bytes).unwrap();
+    // The controller's tick in the image; bit 0 of a Thumb function's address is set.
+    let run = file
+        .symbols()
+        .find(|s| s.name().is_ok_and(|n| n.contains("7control3run")))
+        .unwrap();
+    let address = run.address() & !1;
+    let text = file.section_by_name(".text").unwrap();
+    let offset = text.file_range().unwrap().0 + (address - text.address());
+    // `udf #0`, an undefined instruction.
+    bytes[offset as usize..][..2].copy_from_slice(&[0x00, 0xde]);
+    let mut processor = boot_image(&bytes, None);
+    assert_eq!(processor.identity().start, StartReason::Normal);
+    processor.start(Slot::A, &SETUP).unwrap();
+    let measured = Measurement::default();
+    // Instead of the command comes the identity that every start sends.
+    let tick = Request::Measured {
+        sequence: 0,
+        measured,
+    };
+    let Reply::Identity(identity) = ask(&mut processor, tick) else {
+        panic!("no restart");
+    };
+    const UNDEFINED_INSTRUCTION: u32 = 1 << 16;
+    let reason = StartReason::HardFault {
+        pc: address as u32,
+        status: UNDEFINED_INSTRUCTION,
+    };
+    assert_eq!(identity.start, reason);
+    assert_eq!(processor.status().unwrap().mode, Mode::Disarmed);
 }
 
 #[test]
