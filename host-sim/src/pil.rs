@@ -530,7 +530,7 @@ impl SplitMix {
     }
 }
 
-/// Mostly a plausible value in +-4; one in 64 a special one or any bits at all.
+/// Mostly a plausible value in +-4; one in 64 a special one, one in 64 any bits at all.
 fn any_value(random: &mut SplitMix) -> f32 {
     const SPECIAL: [u32; 12] = [
         0,
@@ -549,8 +549,8 @@ fn any_value(random: &mut SplitMix) -> f32 {
     let bits = random.next();
     let low = bits as u32;
     match bits >> 58 {
-        0 if low % 3 != 0 => f32::from_bits(SPECIAL[(low % 12) as usize]),
-        0 => f32::from_bits(low),
+        0 => f32::from_bits(SPECIAL[(low % 12) as usize]),
+        1 => f32::from_bits(low),
         _ => (f64::from(low) / f64::from(u32::MAX) * 8.0 - 4.0) as f32,
     }
 }

@@ -133,7 +133,7 @@ fn a_bad_table_is_named_and_the_other_slot_used() {
         (SlotError::Version, |t| t[4] = 2),
         (SlotError::Crc, |t| t[t.len() - 1] ^= 1),
         (SlotError::Length, |t| {
-            t[40..44].copy_from_slice(&200_000_u32.to_le_bytes())
+            t[40..44].copy_from_slice(&200_000_u32.to_le_bytes());
         }),
         // Cut off: the rest is erased.
         (SlotError::Crc, |t| {
