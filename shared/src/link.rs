@@ -12,18 +12,19 @@
 //!
 //! COBS (consistent overhead byte stuffing) removes all zero bytes, so a zero ends a
 //! frame and only that; after garbage the next zero resynchronises. An empty frame (two
-//! zeros in a row) is ignored, and may be sent to end garbage. The CRC is ISO-HDLC, over version and message.
-//! A decoded frame has at most [`PAYLOAD_MAX`] bytes. Frames that are too
-//! long, not COBS, of another version, with a wrong CRC or without a known message are
+//! zeros in a row) is ignored, and may be sent to end garbage. The CRC is ISO-HDLC, over
+//! version and message. A decoded frame has at most [`PAYLOAD_MAX`] bytes. Frames that are
+//! too long, not COBS, of another version, with a wrong CRC or without a known message are
 //! dropped and counted ([`FrameErrors`]); they are not answered.
 //!
 //! # Messages, byte by byte
 //!
 //! Messages are in postcard's format: fields in the order of their declaration without
 //! padding or tags; u8, i8 and bool as one byte; u16, u32 as **varint** (7 bits a byte,
-//! low first, high bit set on all but the last); f32, f64 as their IEEE bits, little-endian (every NaN keeps
-//! its bits); arrays as their elements; an option as 0, or 1 and its value; an enum as its
-//! variant's index (varint) and the variant's fields.
+//! low first, high bit set on all but the last); f32, f64 as their IEEE bits, little-endian
+//! (every NaN keeps its bits); arrays as their elements; an option as 0, or 1 and its value;
+//! a result as 0 and its value, or 1 and its error; an enum as its variant's index (varint)
+//! and the variant's fields; a [`Fault`] as its number, u8.
 //!
 //! | request | bytes |
 //! |---|---|
