@@ -9,6 +9,7 @@ pub mod knots;
 pub mod model;
 pub mod plan;
 pub mod plant;
+pub mod report;
 #[cfg(test)]
 mod testing;
 pub mod trajectory;
