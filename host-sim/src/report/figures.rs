@@ -107,9 +107,9 @@ fn file_name(name: &str) -> String {
         .collect()
 }
 
-/// At most `points_max` of `points` that keep the least and the greatest value of every
-/// stretch. Samples that are not finite are left out; there the curve has a gap, so the
-/// result is pieces.
+/// At most `points_max` (4 or more) of `points` that keep the least and the greatest
+/// value of every stretch. Samples that are not finite are left out; a stretch without
+/// any other is a gap, so the result is pieces.
 pub(super) fn decimate(points: &[[f64; 2]], points_max: usize) -> Vec<Vec<[f64; 2]>> {
     // Up to four points a stretch: first, least, greatest, last.
     let stretch = if points.len() <= points_max {
@@ -117,37 +117,38 @@ pub(super) fn decimate(points: &[[f64; 2]], points_max: usize) -> Vec<Vec<[f64; 
     } else {
         points.len().div_ceil((points_max / 4).max(1))
     };
-    let mut pieces = vec![];
-    let finite = |p: &[f64; 2]| p.iter().all(|x| x.is_finite());
-    for piece in points.split(|p| !finite(p)).filter(|p| !p.is_empty()) {
-        let mut kept: Vec<[f64; 2]> = vec![];
-        for chunk in piece.chunks(stretch) {
-            let by = |a: &usize, b: &usize| chunk[*a][1].total_cmp(&chunk[*b][1]);
-            let least = (0..chunk.len()).min_by(by).unwrap_or(0);
-            let greatest = (0..chunk.len()).max_by(by).unwrap_or(0);
-            let mut indices = [0, least, greatest, chunk.len() - 1];
-            indices.sort_unstable();
-            let mut last = None;
-            for i in indices {
-                if last != Some(i) {
-                    kept.push(chunk[i]);
-                }
-                last = Some(i);
-            }
+    let mut pieces: Vec<Vec<[f64; 2]>> = vec![vec![]];
+    for stretch in points.chunks(stretch) {
+        let finite = |i: &usize| stretch[*i].iter().all(|x| x.is_finite());
+        let by = |a: &usize, b: &usize| stretch[*a][1].total_cmp(&stretch[*b][1]);
+        let indices = || (0..stretch.len()).filter(finite);
+        let kept = [
+            indices().next(),
+            indices().min_by(by),
+            indices().max_by(by),
+            indices().next_back(),
+        ];
+        let mut kept: Vec<usize> = kept.into_iter().flatten().collect();
+        kept.sort_unstable();
+        kept.dedup();
+        if kept.is_empty() {
+            pieces.push(vec![]);
         }
-        // What lies on a level stretch tells nothing.
-        let mut thin: Vec<[f64; 2]> = vec![];
-        for point in kept {
-            if let [.., before, middle] = thin[..]
+        for point in kept.into_iter().map(|i| stretch[i]) {
+            let Some(piece) = pieces.last_mut() else {
+                break;
+            };
+            // What lies on a level stretch tells nothing.
+            if let [.., before, middle] = piece[..]
                 && before[1] == middle[1]
                 && middle[1] == point[1]
             {
-                thin.pop();
+                piece.pop();
             }
-            thin.push(point);
+            piece.push(point);
         }
-        pieces.push(thin);
     }
+    pieces.retain(|piece| !piece.is_empty());
     pieces
 }
 
@@ -1004,4 +1005,279 @@ fn stick_figure(case: &Case) -> Result<Figure, ReportError> {
         ),
         svg,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::closed_loop::Run;
+    use crate::report::testing::short_run;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn decimation_keeps_extremes_and_order(
+            values in prop::collection::vec(
+                prop_oneof![9 => -1e3..1e3, 1 => Just(f64::NAN), 3 => Just(1.0)], 0..3000),
+            points_max in 4_usize..400,
+        ) {
+            let points: Vec<[f64; 2]> =
+                values.iter().enumerate().map(|(i, y)| [i as f64, *y]).collect();
+            let kept: Vec<[f64; 2]> = decimate(&points, points_max).concat();
+            prop_assert!(kept.len() <= points_max);
+            prop_assert!(kept.windows(2).all(|pair| pair[0][0] < pair[1][0]));
+            prop_assert!(kept.iter().all(|p| points[p[0] as usize] == *p));
+            let extremes = |points: &[[f64; 2]]| {
+                points.iter().map(|p| p[1]).filter(|y| y.is_finite()).fold(
+                    (f64::INFINITY, f64::NEG_INFINITY),
+                    |(low, high), y| (low.min(y), high.max(y)),
+                )
+            };
+            prop_assert_eq!(extremes(&kept), extremes(&points));
+        }
+
+        #[test]
+        fn clipping_keeps_what_is_inside(
+            values in prop::collection::vec(-3.0..3.0_f64, 2..60),
+        ) {
+            let points: Vec<[f64; 2]> =
+                values.iter().enumerate().map(|(i, y)| [i as f64, *y]).collect();
+            let pieces = clip(&points, [-1.0, 1.0]);
+            let all: Vec<(f64, f64)> = pieces.concat();
+            prop_assert!(all.iter().all(|(_, y)| y.abs() < 1.0 + 1e-9));
+            for (i, y) in values.iter().enumerate().filter(|(_, y)| y.abs() < 1.0) {
+                let near = |(x, v): &&(f64, f64)| (x - i as f64).abs() < 1e-9 && (v - y).abs() < 1e-9;
+                prop_assert!(all.iter().find(near).is_some(), "{} {}", i, y);
+            }
+        }
+
+        #[test]
+        fn axes_show_their_values_with_distinct_labels(
+            middle in -1e4..1e4_f64,
+            exponent in -12.0..5.0_f64,
+        ) {
+            let half = 10f64.powf(exponent);
+            let values = [middle - half, f64::NAN, middle + half];
+            let axis = Axis::new(values.into_iter(), 1e-6, [-1e6, 1e6], 5);
+            let [low, high] = axis.range;
+            prop_assert!(low <= values[0] && values[2] <= high && axis.cut.is_none());
+            prop_assert!((2..=12).contains(&axis.ticks.len()), "{:?}", axis);
+            prop_assert!(axis.ticks.iter().all(|t| *t >= low - 1e-9 && *t <= high + 1e-9));
+            let mut labels: Vec<String> = axis.ticks.iter().map(|t| axis.label(*t)).collect();
+            labels.dedup();
+            prop_assert_eq!(labels.len(), axis.ticks.len());
+        }
+    }
+
+    #[test]
+    fn a_constant_gets_a_span_and_a_divergence_is_cut() {
+        let noise = (0..100).map(|i| 2.0 + 1e-12 * f64::from(i));
+        let axis = force_axis(noise, 2.0, 5);
+        assert!(
+            (axis.range[1] - axis.range[0] - 0.1).abs() < 1e-6,
+            "{axis:?}"
+        );
+        assert_eq!(axis.cut, None);
+
+        let wild = (0..100).map(|i| 10f64.powi(i));
+        let axis = force_axis(wild, 2.0, 5);
+        assert!(axis.range[1] < 20.0, "{axis:?}");
+        assert_eq!(axis.cut, Some([1.0, 10f64.powi(99)]));
+
+        let nothing = Axis::new([f64::NAN].into_iter(), 0.01, [0.0, 5.0], 5);
+        assert_eq!((nothing.range, nothing.cut), ([0.0, 0.01], None));
+    }
+
+    #[test]
+    fn numbers_have_three_digits() {
+        let texts = [0.0, 1.2345, -0.012345, 123.45, 1.5e-5, 1e9, f64::NAN].map(number);
+        let wanted = [
+            "0",
+            "1.23",
+            "\u{2212}0.0123",
+            "123",
+            "1.50e\u{2212}5",
+            "1.00e9",
+            "not finite",
+        ];
+        assert_eq!(texts, wanted);
+    }
+
+    /// Checks that a figure is well-formed and draws nothing outside itself.
+    fn check(figure: &Figure) {
+        let document = roxmltree::Document::parse(&figure.svg)
+            .unwrap_or_else(|error| panic!("{}: {error}", figure.name));
+        let root = document.root_element();
+        let numbers = |text: &str| -> Vec<f64> {
+            text.split([' ', ','])
+                .filter(|t| !t.is_empty())
+                .map(|t| t.parse().unwrap())
+                .collect()
+        };
+        let size = numbers(root.attribute("viewBox").unwrap());
+        let mut lines = 0;
+        for node in root.descendants() {
+            let points = numbers(node.attribute("points").unwrap_or_default());
+            lines += usize::from(points.len() > 2);
+            for point in points.chunks(2) {
+                let inside =
+                    (0.0..=size[2]).contains(&point[0]) && (0.0..=size[3]).contains(&point[1]);
+                assert!(inside, "{}: {point:?} is outside {size:?}", figure.name);
+            }
+        }
+        assert!(lines > 10, "{}: only {lines} lines", figure.name);
+    }
+
+    #[test]
+    fn figures_are_well_formed_whatever_the_signals_are() {
+        let (plan, run) = short_run();
+        let changed = |change: &dyn Fn(usize, &mut LogRow)| {
+            let mut run = run.clone();
+            run.rows
+                .iter_mut()
+                .enumerate()
+                .for_each(|(i, row)| change(i, row));
+            run
+        };
+        let set = |row: &mut LogRow, x: f64| {
+            row.reading.force = x;
+            row.reading.tip = [x; 2];
+            row.reading.root_slope = x;
+            row.torque = [x; 2];
+        };
+        let empty = Run {
+            rows: vec![],
+            shapes: vec![],
+            ..run.clone()
+        };
+        let runs = [
+            run.clone(),
+            changed(&|_, row| set(row, 0.0)),
+            changed(&|_, row| set(row, 1e300)),
+            changed(&|_, row| set(row, f64::NAN)),
+            changed(&|i, row| set(row, if i % 7 == 3 { f64::INFINITY } else { -1.0 })),
+            changed(&|i, row| set(row, (-1.1_f64).powi(i as i32))),
+            empty,
+        ];
+        for run in &runs {
+            let case = Case {
+                case: "a <b> & \"c\"",
+                plant: "p",
+                plan: &plan,
+                run,
+            };
+            let figures = figures(&[case]).unwrap();
+            assert_eq!(figures.len(), 3);
+            figures.iter().for_each(check);
+        }
+    }
+
+    #[test]
+    fn cases_far_off_get_panels_of_their_own() {
+        let (plan, run) = short_run();
+        let mut off = run.clone();
+        off.rows.iter_mut().for_each(|row| row.reading.force += 1.0);
+        off.summary.force_error_rms = 1.0;
+        let case = |name, run| Case {
+            case: name,
+            plant: "nominal",
+            plan: &plan,
+            run,
+        };
+        let axes = |runs: &[Case]| {
+            let svg = contact_forces(runs).unwrap().svg;
+            svg.matches("contact force (N)").count()
+        };
+        assert_eq!(axes(&[case("a", &run), case("b", &run)]), 1);
+        assert_eq!(
+            axes(&[case("a", &run), case("b", &off), case("c", &run)]),
+            2
+        );
+    }
+
+    #[test]
+    fn files_are_written_under_stable_names_or_the_error_names_the_path() {
+        let (plan, run) = short_run();
+        let case = |name| Case {
+            case: name,
+            plant: "stiffness_x0.9",
+            plan: &plan,
+            run: &run,
+        };
+        let folder = std::env::temp_dir().join(format!("flexor-figures-{}", std::process::id()));
+        let cases = [case("feedback"), case("../My Run"), case("feedback")];
+        let paths = write_figures(&folder, &cases).unwrap();
+        let names: Vec<&str> = paths
+            .iter()
+            .map(|path| path.file_name().unwrap().to_str().unwrap())
+            .collect();
+        let wanted = [
+            "stick_figure.svg",
+            "contact_force_cases.svg",
+            "feedback_stiffness_x0.9.svg",
+            ".._my_run_stiffness_x0.9.svg",
+            "feedback_stiffness_x0.9_2.svg",
+        ];
+        assert_eq!(names, wanted);
+        assert!(
+            paths
+                .iter()
+                .all(|path| path.is_file() && path.parent() == Some(&folder))
+        );
+
+        // A file is no folder.
+        let error = write_figures(&paths[0], &cases).unwrap_err();
+        assert!(error.to_string().contains("stick_figure.svg"), "{error}");
+        assert!(matches!(
+            write_figures(&folder, &[]),
+            Err(ReportError::NoCases)
+        ));
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn the_stick_figure_has_equal_scales_and_points_down() {
+        let (plan, run) = short_run();
+        let case = Case {
+            case: "c",
+            plant: "p",
+            plan: &plan,
+            run: &run,
+        };
+        let svg = stick_figure(&case).unwrap().svg;
+        let document = roxmltree::Document::parse(&svg).unwrap();
+        // Link 1 is a line of two points in its colour, 0.5 m long, from joint 1 down.
+        let links: Vec<Vec<f64>> = document
+            .descendants()
+            .filter(|node| node.attribute("stroke") == Some("#0072B2"))
+            .map(|node| {
+                let points = node.attribute("points").unwrap_or_default();
+                let numbers = points.split([' ', ',']).filter(|t| !t.is_empty());
+                numbers.map(|t| t.parse().unwrap()).collect()
+            })
+            .skip(1)
+            .collect();
+        assert_eq!(links.len(), POSTURES);
+        let lengths: Vec<f64> = links
+            .iter()
+            .map(|p| (p[2] - p[0]).hypot(p[3] - p[1]))
+            .collect();
+        for (link, length) in links.iter().zip(&lengths) {
+            assert!((length / lengths[0] - 1.0).abs() < 2e-3, "{lengths:?}");
+            assert!(link[3] > link[1], "joint 2 is below joint 1: {link:?}");
+        }
+    }
+
+    #[test]
+    fn outlines_are_the_models_deflection() {
+        let (plan, _) = short_run();
+        let model = &plan.model;
+        let q: Vec<f64> = (0..model.dof()).map(|i| 0.01 / (1.0 + i as f64)).collect();
+        let shape = outline(&model.arm, model.elements, 7).unwrap() * model.deflection(&q);
+        for i in 0..=7 {
+            let rho = model.arm.link2_length_m * i as f64 / 7.0;
+            assert!((shape[i] - model.deflection_at(&q, rho)[0]).abs() < 1e-14);
+        }
+        assert!(outline(&model.arm, 0, 7).is_none());
+    }
 }

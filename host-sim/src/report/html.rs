@@ -17,7 +17,7 @@ const TEMPLATE: &str = include_str!("report.html");
 const FRAMES_MAX: usize = 1000;
 
 /// Intervals in which the player draws link 2.
-const INTERVALS: usize = 16;
+const INTERVALS: usize = 32;
 
 /// Deflections in the page are integers in this unit, m: a fiftieth of a pixel.
 const DEFLECTION_UNIT_M: f64 = 1e-5;
@@ -133,7 +133,7 @@ impl Motion {
         let axis = force_axis(force.iter().map(|p| p[1]), motion.reference, 4);
         motion.range = axis.range;
         motion.cut = axis.cut.is_some();
-        motion.curve = decimate(&force, POINTS_MAX / 2)
+        motion.curve = decimate(&force, POINTS_MAX)
             .iter()
             .map(|piece| {
                 let point = |p: &[f64; 2]| [rounded(p[0], 4), rounded(p[1], 4)];
@@ -246,4 +246,141 @@ fn page(title: &str, cases: &[Case], notes: &[(String, String)]) -> Result<Strin
             })
         })
         .map_err(|error| other(&error))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::testing::short_run;
+
+    /// The text between two marks.
+    fn between<'a>(text: &'a str, start: &str, end: &str) -> &'a str {
+        let from = text.find(start).unwrap() + start.len();
+        &text[from..from + text[from..].find(end).unwrap()]
+    }
+
+    #[test]
+    fn the_page_refers_to_nothing_outside() {
+        let (plan, run) = short_run();
+        let case = Case {
+            case: "proposed",
+            plant: "nominal",
+            plan: &plan,
+            run: &run,
+        };
+        let notes = [("Plan time".to_owned(), "0.4 s".to_owned())];
+        let page = page("Report", &[case], &notes).unwrap();
+        for outside in [
+            "http:", "https:", "src=", "href=", "url(", "@import", "<link", "fetch(", "import(",
+        ] {
+            assert!(!page.contains(outside), "the page contains {outside}");
+        }
+        // Without scripts: table, notes and figures stand in the page itself.
+        let still = page.split("<script").next().unwrap();
+        assert_eq!(still.matches("<figure ").count(), 3);
+        assert_eq!(still.matches("<svg ").count(), 3);
+        assert!(still.contains("<td>proposed</td>"));
+        assert!(still.contains(">completed</td>"));
+        assert!(still.contains(r#"<th scope="row">Plan time</th><td>0.4 s</td>"#));
+    }
+
+    #[test]
+    fn hostile_text_stays_text() {
+        let (plan, run) = short_run();
+        let hostile = "</title></script><script>alert(1)</script><!--\u{2028}\"'&";
+        let case = Case {
+            case: hostile,
+            plant: hostile,
+            plan: &plan,
+            run: &run,
+        };
+        let notes = [(hostile.to_owned(), hostile.to_owned())];
+        let page = page(hostile, &[case], &notes).unwrap();
+        assert!(!page.contains("alert(1)</script>") && !page.contains("<script>alert"));
+        assert!(page.contains("&lt;script&gt;alert(1)"));
+        assert!(!page.contains("<!--"));
+        // The template's two scripts and no others.
+        assert_eq!(page.matches("<script").count(), 2);
+        assert_eq!(page.matches("</script").count(), 2);
+        let data = between(
+            &page,
+            r#"<script id="data" type="application/json">"#,
+            "</script>",
+        );
+        let data: serde_json::Value = serde_json::from_str(data).unwrap();
+        assert_eq!(data[0]["case"], hostile);
+    }
+
+    #[test]
+    fn the_players_data_are_the_run() {
+        let (plan, run) = short_run();
+        let case = Case {
+            case: "c",
+            plant: "p",
+            plan: &plan,
+            run: &run,
+        };
+        let motion = Motion::new(&case);
+        assert_eq!(motion.t.len(), run.shapes.len());
+        assert_eq!(motion.deflection.len(), motion.t.len() * (INTERVALS - 1));
+        let last = motion.t.len() - 1;
+        let row = &run.rows[last * SHAPE_STRIDE];
+        assert!((motion.t[last] - row.t).abs() < 1e-5);
+        assert!((motion.force[last] - row.reading.force).abs() < 1e-4);
+        // In three elements the node at a third of the link has number 1 in the shape; an
+        // intermediate point of the outline lies near it.
+        let node = run.shapes[last][1] / DEFLECTION_UNIT_M;
+        let at = (INTERVALS - 1) * last + INTERVALS / 3 - 1;
+        let (low, high) = (
+            motion.deflection[at] as f64,
+            motion.deflection[at + 1] as f64,
+        );
+        assert!(
+            low.min(high) - 1.0 <= node && node <= low.max(high) + 1.0,
+            "{low} {node} {high}"
+        );
+        assert!(node.abs() > 100.0, "the link is straight");
+    }
+
+    #[test]
+    fn runs_without_or_with_undefined_samples_make_a_page() {
+        let (plan, run) = short_run();
+        let mut undefined = run.clone();
+        for row in &mut undefined.rows {
+            row.reading.force = f64::NAN;
+        }
+        let mut empty = run.clone();
+        empty.rows.clear();
+        empty.shapes.clear();
+        let mut mismatched = run.clone();
+        mismatched.elements = 5;
+        for run in [&undefined, &empty, &mismatched] {
+            let case = Case {
+                case: "c",
+                plant: "p",
+                plan: &plan,
+                run,
+            };
+            assert!(page("t", &[case], &[]).unwrap().contains("</html>"));
+        }
+        assert!(matches!(
+            page("t", &[], &[]),
+            Err(PageError::Report(ReportError::NoCases))
+        ));
+    }
+
+    #[test]
+    fn a_page_that_cannot_be_written_is_named() {
+        let (plan, run) = short_run();
+        let case = Case {
+            case: "c",
+            plant: "p",
+            plan: &plan,
+            run: &run,
+        };
+        let folder = std::env::temp_dir();
+        let error = write_html(&folder, "t", &[case], &[]).unwrap_err();
+        let text = error.to_string();
+        assert!(text.contains(&*folder.to_string_lossy()), "{text}");
+    }
 }
