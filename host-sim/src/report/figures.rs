@@ -370,6 +370,15 @@ struct Panel {
     shaded: Vec<[f64; 2]>,
 }
 
+/// `name` as far as there is room for it.
+fn shortened(name: &str, characters: usize) -> String {
+    if name.chars().count() <= characters {
+        return name.to_owned();
+    }
+    let kept = characters.saturating_sub(1);
+    name.chars().take(kept).chain(['\u{2026}']).collect()
+}
+
 /// `px` in drawing units.
 fn units(px: f64) -> i32 {
     (px * f64::from(UNIT)).round() as i32
@@ -706,7 +715,11 @@ fn histories(case: &Case) -> Result<Figure, ReportError> {
     let (title, plant) = (case.title(), case.plant_title());
     let outcome = case.run.summary.outcome.name().replace('_', " ");
     let name = format!("{}_{}", file_name(case.case), file_name(case.plant));
-    let heading = format!("{title}, plant {plant}: {outcome}");
+    let heading = format!(
+        "{}, plant {}: {outcome}",
+        shortened(&title, 38),
+        shortened(&plant, 22)
+    );
     let height = TITLE + panels_height(&panels);
     let svg = render(&name, height, |area| {
         let (head, body) = area.split_vertically(units(TITLE));
@@ -782,7 +795,7 @@ fn contact_forces(cases: &[Case]) -> Result<Figure, ReportError> {
             for (index, case) in group.iter().enumerate() {
                 let colour = names.iter().position(|n| *n == case.case).unwrap_or(0);
                 let mut curve = Curve::simulated(
-                    case.title(),
+                    shortened(&case.title(), 48),
                     PALETTE[colour % PALETTE.len()],
                     &case.run.rows,
                     |r| r.reading.force,
@@ -793,7 +806,7 @@ fn contact_forces(cases: &[Case]) -> Result<Figure, ReportError> {
             }
             let axis = force_axis(curves.iter().flat_map(Curve::values), reference, 6);
             panels.push(Panel {
-                heading: group[0].plant_title() + ":",
+                heading: shortened(&group[0].plant_title(), 22) + ":",
                 left: (axis, "contact force (N)".into(), curves),
                 right: None,
                 shaded: resting(group[0]),
@@ -879,28 +892,39 @@ fn stick_figure(case: &Case) -> Result<Figure, ReportError> {
     let beyond = 0.08 * path.length();
     let surface = [(path.from, -beyond), (path.to, beyond)]
         .map(|(end, by)| (end[0] + by * along[0], end[1] + by * along[1]));
-    let depth = 0.025;
-    // The labels go where link 2 does not come from.
-    let side = postures.first().map_or(0.05, |points| {
-        let (x, y) = points[0];
-        let above = (x - path.from[0]) * normal[0] + (y - path.from[1]) * normal[1];
-        if above > 0.0 { -0.03 } else { 0.05 }
-    });
+    let reach = plan.model.arm.link1_length_m + plan.model.arm.link2_length_m;
+    let depth = 0.024 * reach;
+    // Labels go where the arm does not come from: beyond the surface, or before it.
+    let joint2 = postures.first().map_or((0.0, 0.0), |points| points[0]);
+    let beyond_surface =
+        (joint2.0 - path.from[0]) * normal[0] + (joint2.1 - path.from[1]) * normal[1] <= 0.0;
+    let side = if beyond_surface { 0.048 } else { -0.028 } * reach;
+    // Beside a steep surface, above or below a level one.
+    let steep = normal[0].abs() > 0.7;
+    let anchor = match (steep, side * normal[0] > 0.0) {
+        (false, _) => HPos::Center,
+        (true, true) => HPos::Left,
+        (true, false) => HPos::Right,
+    };
     let labelled =
         [path.from, path.to].map(|end| (end[0] + side * normal[0], end[1] + side * normal[1]));
+    let joint1_label = (0.0, if joint2.1 > 0.0 { -0.027 } else { 0.027 } * reach);
+    let text_room = if steep { 0.1 * reach } else { 0.04 * reach };
+    let labels_end = labelled.map(|(x, y)| (x + text_room.copysign(side * normal[0]), y));
     let joint1 = (0.0, 0.0);
 
     let everything = postures
         .iter()
         .flatten()
         .chain(&surface)
-        .chain(&labelled)
+        .chain(&labels_end)
+        .chain([&joint1_label])
         .chain([&joint1]);
     let bounds = everything.fold(
         [[f64::INFINITY, f64::NEG_INFINITY]; 2],
         |[[x0, x1], [y0, y1]], (x, y)| [[x0.min(*x), x1.max(*x)], [y0.min(*y), y1.max(*y)]],
     );
-    let [mut x, y] = bounds.map(|[low, high]| [low - 0.05, high + 0.05]);
+    let [mut x, y] = bounds.map(|[low, high]| [low - 0.05 * reach, high + 0.05 * reach]);
     // Equal scales; a tall figure gets empty space at its sides.
     let width = f64::from(WIDTH) - LEFT - RIGHT;
     let tallest = 640.0;
@@ -985,9 +1009,9 @@ fn stick_figure(case: &Case) -> Result<Figure, ReportError> {
         chart.draw_series([Circle::new(joint1, units(3.0), WHITE.filled())])?;
         let plot = chart.plotting_area().strip_coord_spec();
         let labels = [
-            ("path start", labelled[0], HPos::Center),
-            ("path end", labelled[1], HPos::Center),
-            ("joint 1", (0.0, -0.028), HPos::Center),
+            ("path start", labelled[0], anchor),
+            ("path end", labelled[1], anchor),
+            ("joint 1", joint1_label, HPos::Center),
         ];
         let corner = plot.get_base_pixel();
         for (label, at, side) in labels {
@@ -1079,10 +1103,10 @@ mod tests {
         );
         assert_eq!(axis.cut, None);
 
-        let wild = (0..100).map(|i| 10f64.powi(i));
+        let wild = (0..100).map(|i| 2f64.powi(i));
         let axis = force_axis(wild, 2.0, 5);
         assert!(axis.range[1] < 20.0, "{axis:?}");
-        assert_eq!(axis.cut, Some([1.0, 10f64.powi(99)]));
+        assert_eq!(axis.cut, Some([1.0, 2f64.powi(99)]));
 
         let nothing = Axis::new([f64::NAN].into_iter(), 0.01, [0.0, 5.0], 5);
         assert_eq!((nothing.range, nothing.cut), ([0.0, 0.01], None));
