@@ -35,12 +35,12 @@ const INNER: usize = POINTS - 2;
 /// The eight Gauss-Lobatto points on [0, 1].
 const ABSCISSAS: [f64; POINTS] = [
     0.0,
-    0.064_129_925_745_196_692,
+    0.064_129_925_745_196_69,
     0.204_149_909_283_428_85,
-    0.395_350_391_048_760_57,
-    0.604_649_608_951_239_43,
-    0.795_850_090_716_571_15,
-    0.935_870_074_254_803_31,
+    0.395_350_391_048_760_6,
+    0.604_649_608_951_239_4,
+    0.795_850_090_716_571_2,
+    0.935_870_074_254_803_3,
     1.0,
 ];
 
@@ -501,9 +501,9 @@ impl<'p, P: Problem> Solver<'p, P> {
                     - by_rate[(row, column)] * first[j][k] / h
                     - own
             };
-            for row in 0..n {
+            for (row, value) in value.iter_mut().enumerate() {
                 for column in 0..n {
-                    value[row] -=
+                    *value -=
                         by_q[(row, column)] * q[column] + by_rate[(row, column)] * rate[column];
                 }
             }

@@ -136,7 +136,9 @@ pub enum PlanError {
         limit: f64,
     },
     /// The deflection found is not good enough to be used.
-    #[error("the planned deflection is only good to {estimate:.1e} rad or m, 1e-2 is accepted; a longer duration_s, pre_actuation_s or fewer link2.elements make it better")]
+    #[error(
+        "the planned deflection is only good to {estimate:.1e} rad or m, 1e-2 is accepted; a longer duration_s, pre_actuation_s or fewer link2.elements make it better"
+    )]
     Inaccurate {
         /// Estimated error.
         estimate: f64,
@@ -445,8 +447,8 @@ impl Task {
     }
 }
 
-/// Tolerated error of tau2 for one of the deflection, N m/rad: with 1e-7 rad, 1e-6 N m.
-const TORQUE_PER_DEFLECTION: f64 = 10.0;
+/// Tolerated error of tau2 for one of the deflection, N m/rad: with 1e-7 rad, 5e-7 N m.
+const TORQUE_PER_DEFLECTION: f64 = 5.0;
 
 /// How to plan.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -605,7 +607,7 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
 
 /// A first mesh that refinement has little to add to: evenly spaced for the motion and
 /// for the rests before and after it, and towards the ends of each of these ever
-/// denser, down to four times the `resolution`, s, as there may be layers. Layers must be seen from the start: once spread over a coarse mesh,
+/// denser, down to twice the `resolution`, s, as there may be layers. Layers must be seen from the start: once spread over a coarse mesh,
 /// they make all of it look inaccurate.
 fn first_mesh(span: [f64; 2], duration: f64, resolution: f64) -> Vec<f64> {
     /// On the paper's task this leaves an error of 1e-9 between the ends.
@@ -627,7 +629,7 @@ fn first_mesh(span: [f64; 2], duration: f64, resolution: f64) -> Vec<f64> {
             REST_INTERVALS
         };
         let step = (piece[1] - piece[0]) / count as f64;
-        let finest = 4.0 * resolution;
+        let finest = 2.0 * resolution;
         let shares = (1..)
             .map(|k| RATIO.powi(-k))
             .take_while(|share| share * step > finest);
