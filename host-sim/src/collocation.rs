@@ -514,14 +514,14 @@ impl<'p, P: Problem> Solver<'p, P> {
             };
             if let Some((end, side)) = end {
                 let weight = h * END_WEIGHT;
-                for row in 0..n {
+                for (row, value) in value.iter().enumerate() {
                     for k in 0..POINTS {
                         for column in 0..n {
                             ends[end][(row, k * n + column)] = weight * derivative(row, k, column)
                                 + side * mass[(row, column)] * first[j][k] / h;
                         }
                     }
-                    ends[end][(row, POINTS * n)] = -weight * value[row];
+                    ends[end][(row, POINTS * n)] = -weight * value;
                 }
                 continue;
             }
