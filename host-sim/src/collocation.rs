@@ -525,7 +525,7 @@ impl<'p, P: Problem> Solver<'p, P> {
                 }
                 continue;
             }
-            for row in 0..n {
+            for (row, value) in value.iter().enumerate() {
                 let line = (j - 1) * n + row;
                 for column in 0..n {
                     for k in 1..=INNER {
@@ -534,7 +534,7 @@ impl<'p, P: Problem> Solver<'p, P> {
                     inner[(line, column)] = -derivative(row, 0, column);
                     inner[(line, n + column)] = -derivative(row, POINTS - 1, column);
                 }
-                inner[(line, 2 * n)] = value[row];
+                inner[(line, 2 * n)] = *value;
             }
         }
         equilibrate(&mut system, &mut inner);
