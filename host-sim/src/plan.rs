@@ -135,6 +135,18 @@ pub enum PlanError {
         /// What is accepted.
         limit: f64,
     },
+    /// The link has zeros that come in no pair of growth and decay.
+    #[error(
+        "link 2 has {growing} growing and {decaying} decaying zeros, as many of each are accepted: link2.tip_inertia_kgm2 = {tip_inertia_kgm2} makes the tip swing freely against the plan; a smaller one or 0 is accepted"
+    )]
+    Unpaired {
+        /// Number of zeros that grow.
+        growing: usize,
+        /// Number of zeros that decay.
+        decaying: usize,
+        /// The arm's tip inertia, kg m^2, which causes this.
+        tip_inertia_kgm2: f64,
+    },
     /// The deflection found is not good enough to be used.
     #[error(
         "the planned deflection is only good to {estimate:.1e} rad or m, 1e-2 is accepted; a longer duration_s, pre_actuation_s or fewer link2.elements make it better"
@@ -568,6 +580,14 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
         }),
     };
     let zeros = zeros_of(&model, start, force);
+    let growing = zeros.iter().filter(|zero| zero.re > 0.0).count();
+    if 2 * growing != zeros.len() {
+        return Err(PlanError::Unpaired {
+            growing,
+            decaying: zeros.len() - growing,
+            tip_inertia_kgm2: arm.tip_inertia_kgm2,
+        });
+    }
     let fastest = zeros.iter().map(|zero| zero.re.abs()).fold(1.0, f64::max);
     // Layers thinner than a control period cannot reach the arm: torques are held so long.
     let resolution = (0.5 / fastest).max(1.0 / rate);

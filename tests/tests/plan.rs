@@ -98,7 +98,6 @@ fn the_plant_follows_the_plan_of_every_number_of_elements() {
             gravity_m_s2: [3.0, -5.0],
             root_inertia_kgm2: 5e-5,
             tip_mass_kg: 0.05,
-            tip_inertia_kgm2: 1e-5,
             ..paper_arm()
         },
     ];
@@ -238,6 +237,22 @@ fn paths_that_cannot_be_followed_are_refused_with_time_and_point() {
     // Along the edge of that hole: the arm folds and the elbow could flip.
     let (_, _, why) = refused([0.7, 0.05005], [-0.7, 0.05005]);
     assert!(why.contains("singular"), "{why}");
+}
+
+#[test]
+fn a_tip_that_swings_freely_is_refused() {
+    // A tip inertia gives the fixed tip's zeros an oscillating pair that only decays; two
+    // ends' worth of conditions do not fit it.
+    let arm = ArmParameters {
+        tip_inertia_kgm2: 1e-5,
+        ..paper_arm()
+    };
+    match plan(&arm, &paper_task(), &PlanOptions::default()) {
+        Err(error @ PlanError::Unpaired { .. }) => {
+            assert!(error.to_string().contains("tip_inertia_kgm2"));
+        }
+        other => panic!("{other:?}"),
+    }
 }
 
 #[test]
