@@ -60,7 +60,8 @@ fn samples(plan: &Plan) -> Vec<[f64; COLUMNS]> {
         .collect()
 }
 
-/// Encodes `plan` with few knots within [`TOLERANCE`].
+/// Encodes `plan` with as few knots as keep torques to 5e-6 N m, angles to 1e-6 rad and
+/// the slope rate to 1e-4 rad/s, before rounding to f32.
 ///
 /// # Errors
 /// None for a plan of this crate; [`TableError`] if the format could not hold it.

@@ -1,15 +1,38 @@
 //! Flexor on the host: plans an elastic arm's motion along a surface and runs the
 //! firmware's own controller against a simulated arm.
+//!
+//! Data flows one way, and a module knows only those before it:
+//!
+//! | module | responsible for |
+//! |---|---|
+//! | [`config`] | the user's files, checked |
+//! | [`model`] | the arm as numbers: rigid constants, link 2 in modal coordinates |
+//! | [`dynamics`] | the equations of motion, forward and inverse |
+//! | [`trajectory`] | where the tip shall be |
+//! | [`collocation`] | boundary-value problems |
+//! | [`plan`] | from a task to joint motion, deflection and torques |
+//! | [`knots`] | from a plan to its feedforward table |
+//! | [`integrator`] | one step of a Runge-Kutta method |
+//! | [`plant`] | the simulated arm |
+//! | [`closed_loop`] | controller and plant in lock-step |
+//! | [`cases`] | the demo's cases |
+//! | [`export`], [`report`] | results as CSV and JSON, pictures and a page |
+//! | [`cli`] | the command line |
 
+pub mod cases;
+pub mod cli;
 pub mod closed_loop;
 pub mod collocation;
+pub mod config;
 pub mod dynamics;
+pub mod export;
 pub mod integrator;
 pub mod knots;
 pub mod model;
 pub mod pil;
 pub mod plan;
 pub mod plant;
+pub mod report;
 #[cfg(test)]
 mod testing;
 pub mod trajectory;

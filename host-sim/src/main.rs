@@ -1,3 +1,7 @@
-//! Flexor's command line.
+//! The `host-sim` program; everything is in the library.
 
-fn main() {}
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    ExitCode::from(host_sim::cli::main())
+}

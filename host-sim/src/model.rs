@@ -245,6 +245,23 @@ impl ArmModel {
     }
 }
 
+/// The matrix that takes nodal deflections and slopes (m, rad) of `arm`'s link 2 in
+/// `elements` elements to its deflection (m, along n(theta20)) at `intervals + 1`
+/// equally spaced points of the chord, from joint 2 to the tip. `None` for a number of
+/// elements outside 1 to [`ELEMENTS_MAX`].
+pub fn outline(arm: &ArmParameters, elements: usize, intervals: usize) -> Option<DMatrix<f64>> {
+    let step = arm.link2_length_m / intervals.max(1) as f64;
+    with_dof!(elements, DOF => {
+        let beam = Beam::<f64, DOF>::new(beam_parameters(arm));
+        let mut matrix = DMatrix::zeros(intervals + 1, DOF);
+        for i in 0..=intervals {
+            let (value, _) = beam.shape(i as f64 * step);
+            matrix.row_mut(i).copy_from_slice(value.as_slice());
+        }
+        matrix
+    })
+}
+
 /// Scalar product.
 pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()

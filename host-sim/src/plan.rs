@@ -15,7 +15,7 @@ use crate::collocation::{self, CollocationError, Solution};
 use crate::dynamics::{self, Motion, Posture, Surface};
 use crate::model::{ArmModel, ModelError, dot};
 use crate::trajectory::{Line, TipMotion};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Complex, DMatrix, DVector};
 use shared::arm::{ArmParameters, JointMotion, KinematicsError};
 
 /// Fewest control periods that a path can be travelled in.
@@ -135,6 +135,26 @@ pub enum PlanError {
         /// What is accepted.
         limit: f64,
     },
+    /// The link has zeros that come in no pair of growth and decay.
+    #[error(
+        "link 2 has {growing} growing and {decaying} decaying zeros, as many of each are accepted: link2.tip_inertia_kgm2 = {tip_inertia_kgm2} makes the tip swing freely against the plan; a smaller one or 0 is accepted"
+    )]
+    Unpaired {
+        /// Number of zeros that grow.
+        growing: usize,
+        /// Number of zeros that decay.
+        decaying: usize,
+        /// The arm's tip inertia, kg m^2, which causes this.
+        tip_inertia_kgm2: f64,
+    },
+    /// The deflection found is not good enough to be used.
+    #[error(
+        "the planned deflection is only good to {estimate:.1e} rad or m, 1e-2 is accepted; a longer duration_s, pre_actuation_s or fewer link2.elements make it better"
+    )]
+    Inaccurate {
+        /// Estimated error.
+        estimate: f64,
+    },
     /// The arm has no model.
     #[error(transparent)]
     Model(#[from] ModelError),
@@ -248,6 +268,10 @@ struct Deflection<'a> {
     force: [f64; 2],
     as_printed: bool,
     mass: DMatrix<f64>,
+    /// Tolerated errors of the deflection (rad, m) and of tau2 (N m).
+    tolerance: [f64; 2],
+    /// Shortest interval worth having, s.
+    resolution: f64,
 }
 
 impl Deflection<'_> {
@@ -270,7 +294,7 @@ impl Deflection<'_> {
 }
 
 impl collocation::Problem for Deflection<'_> {
-    fn size(&self) -> usize {
+    fn functions(&self) -> usize {
         self.model.dof()
     }
 
@@ -291,26 +315,28 @@ impl collocation::Problem for Deflection<'_> {
             .linearise(self.model, q, rate, value, by_q, by_rate);
     }
 
-    fn acceleration(&self, t: f64, q: &[f64], rate: &[f64], acceleration: &mut [f64]) {
-        self.equation(t)
-            .acceleration(self.model, q, rate, acceleration);
-    }
-
-    fn norm(&self, q: &[f64]) -> f64 {
-        // Not amax(), which passes NaN over.
-        let mut largest = 0.0_f64;
-        for w in &self.model.deflection(q) {
-            if !(w.abs() <= largest) {
-                largest = w.abs();
-            }
+    fn size(&self, q: &[f64], acceleration: &[f64]) -> f64 {
+        let deflection = largest_deflection(self.model, q) / self.tolerance[0];
+        // How the accelerations enter tau2.
+        let torque = dot(&self.model.second_moment, acceleration).abs() / self.tolerance[1];
+        // Not max(), which passes NaN over.
+        if torque <= deflection {
+            deflection
+        } else {
+            torque
         }
-        largest
     }
 
-    fn rate_scale(&self) -> &[f64] {
-        // The zeros are of the natural frequencies' size.
-        &self.model.angular_frequency
+    fn resolution(&self) -> f64 {
+        self.resolution
     }
+}
+
+/// Largest nodal deflection or slope, m or rad, of modal coordinates; NaN if any is.
+fn largest_deflection(model: &ArmModel, q: &[f64]) -> f64 {
+    let deflections = model.deflection(q);
+    let larger = |m: f64, w: &f64| if w.abs() <= m { m } else { w.abs() };
+    deflections.iter().fold(0.0, larger)
 }
 
 /// Unit normal of the surface along `task`'s path, into which the tip presses.
@@ -348,11 +374,7 @@ fn surface(task: &Task) -> Result<Surface, PlanError> {
 /// where it is nearest to joint 1.
 fn check_path(model: &ArmModel, path: &Line) -> Result<(), PlanError> {
     for share in [0.0, path.nearest_share(), 1.0] {
-        let t_s = if share == 1.0 {
-            path.duration
-        } else {
-            path.time_of_share(share)
-        };
+        let t_s = path.time_of_share(share);
         let point_m = [0, 1].map(|i| path.from[i] + share * (path.to[i] - path.from[i]));
         if let Err(source) = model.kinematics.inverse(point_m, model.arm.elbow) {
             return Err(PlanError::Path {
@@ -365,9 +387,9 @@ fn check_path(model: &ArmModel, path: &Line) -> Result<(), PlanError> {
     Ok(())
 }
 
-/// Zeros of the arm at rest at `tip` under `force`: growth rates, 1/s, of the
-/// deflection with a fixed tip, slowest first in either sign: `[growing, decaying]`.
-pub fn slowest_zeros(model: &ArmModel, angle: [f64; 2], force: [f64; 2]) -> [f64; 2] {
+/// Zeros of the arm at rest at `angle` under `force` (N, inertial axes): growth rates,
+/// 1/s, of the deflection with a fixed tip.
+fn zeros_of(model: &ArmModel, angle: [f64; 2], force: [f64; 2]) -> Vec<Complex<f64>> {
     let n = model.dof();
     let joint = JointMotion {
         angle,
@@ -377,14 +399,8 @@ pub fn slowest_zeros(model: &ArmModel, angle: [f64; 2], force: [f64; 2]) -> [f64
     let equation = dynamics::deflection_equation(model, &joint, &posture, force, false);
     let (mut by_q, mut by_rate) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
     let zeros = vec![0.0; n];
-    equation.linearise(
-        model,
-        &zeros,
-        &zeros,
-        &mut vec![0.0; n],
-        &mut by_q,
-        &mut by_rate,
-    );
+    let mut value = vec![0.0; n];
+    equation.linearise(model, &zeros, &zeros, &mut value, &mut by_q, &mut by_rate);
     let mass = dynamics::eliminated_mass(model).lu();
     let mut system = DMatrix::zeros(2 * n, 2 * n);
     for i in 0..n {
@@ -395,12 +411,17 @@ pub fn slowest_zeros(model: &ArmModel, angle: [f64; 2], force: [f64; 2]) -> [f64
             system.view_mut((n, column), (n, n)).copy_from(&solved);
         }
     }
-    let eigenvalues = system.complex_eigenvalues();
+    system.complex_eigenvalues().iter().copied().collect()
+}
+
+/// The slowest zeros, 1/s, of the arm at rest at `angle` under `force` (N, inertial
+/// axes): `[growing, decaying]`, infinite where there is none of that sign.
+pub fn slowest_zeros(model: &ArmModel, angle: [f64; 2], force: [f64; 2]) -> [f64; 2] {
+    let zeros = zeros_of(model, angle, force);
     let slowest = |sign: f64| {
-        eigenvalues
-            .iter()
-            .map(|z| sign * z.re)
-            .filter(|re| *re > 0.0)
+        let rates = zeros.iter().map(|zero| sign * zero.re);
+        rates
+            .filter(|rate| *rate > 0.0)
             .fold(f64::INFINITY, f64::min)
     };
     [slowest(1.0), -slowest(-1.0)]
@@ -438,6 +459,9 @@ impl Task {
     }
 }
 
+/// Tolerated error of tau2 for one of the deflection, N m/rad: with 1e-7 rad, 5e-7 N m.
+const TORQUE_PER_DEFLECTION: f64 = 5.0;
+
 /// How to plan.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlanOptions {
@@ -452,14 +476,14 @@ pub struct PlanOptions {
 }
 
 impl Default for PlanOptions {
-    /// The paper's elements, 5 kHz, the exact equations, and a tolerance with which
-    /// the torques of the paper's task are good to 1e-7 N m.
+    /// The paper's elements, 5 kHz, the exact equations, and a tolerance with which the
+    /// deflections of the paper's task are good to 1e-9 rad and its torques to 1e-6 N m.
     fn default() -> Self {
         Self {
             elements: 3,
             tick_rate_hz: 5000,
             equations: Equations::Exact,
-            tolerance: 1e-8,
+            tolerance: 1e-7,
         }
     }
 }
@@ -485,7 +509,7 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
     let rate = f64::from(tick_rate_hz);
     let posture = |share: f64| {
         let point = [0, 1].map(|i| path.from[i] + share * (path.to[i] - path.from[i]));
-        let t_s = share * path.duration;
+        let t_s = path.time_of_share(share);
         model
             .kinematics
             .inverse(point, arm.elbow)
@@ -555,15 +579,29 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
                 .collect()
         }),
     };
+    let zeros = zeros_of(&model, start, force);
+    let growing = zeros.iter().filter(|zero| zero.re > 0.0).count();
+    if 2 * growing != zeros.len() {
+        return Err(PlanError::Unpaired {
+            growing,
+            decaying: zeros.len() - growing,
+            tip_inertia_kgm2: arm.tip_inertia_kgm2,
+        });
+    }
+    let fastest = zeros.iter().map(|zero| zero.re.abs()).fold(1.0, f64::max);
+    // Layers thinner than a control period cannot reach the arm: torques are held so long.
+    let resolution = (0.5 / fastest).max(1.0 / rate);
     let problem = Deflection {
         model: &model,
         path: &path,
         force,
         as_printed: equations == Equations::AsPrinted,
         mass: dynamics::eliminated_mass(&model),
+        tolerance: [options.tolerance, TORQUE_PER_DEFLECTION * options.tolerance],
+        resolution,
     };
-    let mesh = first_mesh(span, path.duration);
-    let solution = collocation::solve(&problem, mesh, [&ends[0], &ends[1]], options.tolerance)?;
+    let mesh = first_mesh(span, path.duration, resolution);
+    let solution = collocation::solve(&problem, mesh, [&ends[0], &ends[1]])?;
 
     let mut plan = Plan {
         turn: Turn::of(&path),
@@ -579,37 +617,47 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
         model,
         solution,
     };
+    let estimate = plan.error_estimate();
+    if !(estimate <= 1e-2) {
+        return Err(PlanError::Inaccurate { estimate });
+    }
     plan.tabulate()?;
     Ok(plan)
 }
 
-/// A first mesh that refinement has little to add to: [`MOTION_INTERVALS`] for the
-/// motion, dense towards both ends of every piece, where layers may lie. Points lie at
-/// the motion's start and end, where its sixth derivative jumps.
-fn first_mesh(span: [f64; 2], duration: f64) -> Vec<f64> {
+/// A first mesh that refinement has little to add to: evenly spaced for the motion and
+/// for the rests before and after it, and towards the ends of each of these ever
+/// denser, down to twice the `resolution`, s, as there may be layers. Layers must be seen from the start: once spread over a coarse mesh,
+/// they make all of it look inaccurate.
+fn first_mesh(span: [f64; 2], duration: f64, resolution: f64) -> Vec<f64> {
     /// On the paper's task this leaves an error of 1e-9 between the ends.
-    const MOTION_INTERVALS: f64 = 40.0;
+    const MOTION_INTERVALS: usize = 24;
     /// Long rests are as smooth as they are long.
-    const REST_INTERVALS: f64 = 8.0;
+    const REST_INTERVALS: usize = 6;
+    /// From interval to interval towards an end.
+    const RATIO: f64 = 3.0;
     let mut pieces = vec![span[0]];
     let breaks = [0.0, duration].into_iter();
     pieces.extend(breaks.filter(|t| *t > span[0] && *t < span[1]));
     pieces.push(span[1]);
     let mut mesh = Vec::new();
     for piece in pieces.windows(2) {
-        let length = piece[1] - piece[0];
         let moving = piece[0] >= 0.0 && piece[0] < duration;
         let count = if moving {
             MOTION_INTERVALS
         } else {
             REST_INTERVALS
         };
+        let step = (piece[1] - piece[0]) / count as f64;
+        let finest = 2.0 * resolution;
+        let shares = (1..)
+            .map(|k| RATIO.powi(-k))
+            .take_while(|share| share * step > finest);
+        let shares: Vec<f64> = shares.collect();
         mesh.push(piece[0]);
-        // The outermost intervals are divided at 1/27, 1/9 and 1/3 of their length.
-        let graded = [1.0 / 27.0, 1.0 / 9.0, 1.0 / 3.0];
-        mesh.extend(graded.iter().map(|x| piece[0] + length * x / count));
-        mesh.extend((1..count as usize).map(|i| piece[0] + length * i as f64 / count));
-        mesh.extend(graded.iter().rev().map(|x| piece[1] - length * x / count));
+        mesh.extend(shares.iter().rev().map(|share| piece[0] + step * share));
+        mesh.extend((1..count).map(|i| piece[0] + step * i as f64));
+        mesh.extend(shares.iter().map(|share| piece[1] - step * share));
     }
     mesh.push(span[1]);
     mesh
@@ -618,7 +666,8 @@ fn first_mesh(span: [f64; 2], duration: f64) -> Vec<f64> {
 impl Plan {
     /// Estimated largest error of the deflection, rad and m.
     pub fn error_estimate(&self) -> f64 {
-        self.solution.error_estimate
+        self.solution
+            .error_estimate(|q| largest_deflection(&self.model, q))
     }
 
     /// Intervals of the boundary-value problem's mesh, and Newton iterations spent.
@@ -751,17 +800,15 @@ impl Sampler<'_> {
         joint.angle = joint.angle.map(|a| a + turn);
 
         self.interval = plan.solution.interval(t, self.interval);
-        plan.solution
-            .evaluate(t, self.interval, &mut self.q, &mut self.q_rate);
-        let force = plan.force();
-        let as_printed = plan.equations == Equations::AsPrinted;
-        let posture = Posture::new(model, joint.angle);
-        dynamics::deflection_equation(model, &joint, &posture, force, as_printed).acceleration(
-            model,
-            &self.q,
-            &self.q_rate,
+        plan.solution.evaluate(
+            t,
+            self.interval,
+            &mut self.q,
+            &mut self.q_rate,
             &mut self.q_acceleration,
         );
+        let force = plan.force();
+        let posture = Posture::new(model, joint.angle);
         let motion = Motion {
             joint,
             posture,
@@ -769,7 +816,7 @@ impl Sampler<'_> {
             q_rate: &self.q_rate,
             q_acceleration: &self.q_acceleration,
         };
-        let torque = if as_printed {
+        let torque = if plan.equations == Equations::AsPrinted {
             dynamics::inverse_as_printed(model, &motion, force)
         } else {
             dynamics::inverse(model, &motion, force)

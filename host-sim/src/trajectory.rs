@@ -82,6 +82,12 @@ impl Line {
 
     /// Time, s, at which the given share of the way, 0 to 1, is reached.
     pub fn time_of_share(&self, share: f64) -> f64 {
+        if share <= 0.0 {
+            return 0.0;
+        }
+        if share >= 1.0 {
+            return self.duration;
+        }
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..60 {
             let middle = 0.5 * (low + high);

@@ -1,5 +1,6 @@
 //! What the firmware takes, held against `firmware/budget.toml`.
 
+use crate::demo::Demo;
 use crate::image::{check_panic_free, sizes};
 use crate::{demo, firmware, root};
 use anyhow::{Context, Result, ensure};
@@ -76,9 +77,9 @@ pub(crate) fn budget(options: &Options) -> Result<()> {
     let elf = firmware::build()?;
     check_panic_free(&elf)?;
     let sizes = sizes(&elf)?;
-    let (plan, table) = demo::table()?;
+    let Demo { plan, table, setup } = demo::demo(None)?;
     let mut processor = Processor::emulated(&elf, None)?;
-    let options_of_run = demo::options();
+    let options_of_run = demo::options(&setup);
     let run = pil::run(
         &mut processor,
         Slot::A,

@@ -1,5 +1,6 @@
 //! Builds the one ELF that is flashed and that QEMU boots: image, setup and table.
 
+use crate::demo::Demo;
 use crate::setup::{TARGET, Toolchain};
 use crate::{demo, output, root, run};
 use anyhow::{Context, Result};
@@ -18,9 +19,9 @@ pub(crate) fn cargo(verb: &str) -> Result<Command> {
         .with_context(|| format!("no toolchain has {TARGET}: run `cargo xtask setup`"))?;
     let out = target_folder().join("firmware");
     fs::create_dir_all(&out)?;
-    let (_, table) = demo::table()?;
+    let Demo { table, setup, .. } = demo::demo(None)?;
     let mut buffer = [0; 256];
-    let setup = demo::SETUP.encode(&mut buffer)?;
+    let setup = setup.encode(&mut buffer)?;
     let mut command = toolchain.command("cargo");
     command
         .current_dir(root().join("firmware"))

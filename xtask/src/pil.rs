@@ -1,5 +1,6 @@
 //! The demo with the image in QEMU, or with a board, in the loop.
 
+use crate::demo::Demo;
 use crate::{demo, firmware};
 use anyhow::{Result, ensure};
 use clap::Args;
@@ -41,10 +42,7 @@ struct Report {
 
 /// Runs it and fails on any differing bit.
 pub(crate) fn pil(options: &Options) -> Result<()> {
-    let (plan, table) = match options.duration {
-        Some(duration_s) => demo::table_for(duration_s)?,
-        None => demo::table()?,
-    };
+    let Demo { plan, table, setup } = demo::demo(options.duration)?;
     let slot = if options.duration.is_some() {
         Slot::B
     } else {
@@ -63,14 +61,14 @@ pub(crate) fn pil(options: &Options) -> Result<()> {
         slot,
         &plan,
         &table.image,
-        &demo::options(),
+        &demo::options(&setup),
         |_| {},
     )?;
     let random_differing = pil::compare_any(
         &mut processor,
         slot,
         &table.image,
-        &demo::SETUP,
+        &setup,
         options.random,
         1,
     )?;

@@ -1,0 +1,66 @@
+//! How long planning and simulating the paper's task takes: `cargo bench`.
+
+use host_sim::cases;
+use host_sim::closed_loop::{self, RunOptions};
+use host_sim::config;
+use host_sim::knots;
+use host_sim::plan::{Plan, PlanOptions, plan};
+use host_sim::plant::{Plant, PlantParameters, Start};
+
+fn main() {
+    divan::main();
+}
+
+fn paper(duration: f64) -> Plan {
+    let arm = config::parse_arm("example", config::DEFAULT_ARM)
+        .expect("valid")
+        .arm;
+    let mut task = config::parse_task("example", config::DEFAULT_TASK).expect("valid");
+    task.path.duration = duration;
+    plan(&arm, &task, &PlanOptions::default()).expect("a plan")
+}
+
+/// The whole plan at 5 kHz rows, for the paper's duration of 2 s and longer ones.
+#[divan::bench(args = [2.0, 4.0, 8.0])]
+fn plan_the_papers_path(duration: f64) -> Plan {
+    paper(divan::black_box(duration))
+}
+
+/// The plan's table image, with its accuracy measured.
+#[divan::bench]
+fn encode_the_table(bencher: divan::Bencher<'_, '_>) {
+    let plan = paper(2.0);
+    bencher.bench(|| knots::encode(&plan));
+}
+
+/// The plant alone: 2 s at 5 kHz ticks, single thread.
+#[divan::bench(args = [3, 8])]
+fn simulate_2_s(bencher: divan::Bencher<'_, '_>, elements: usize) {
+    let plan = paper(2.0);
+    let parameters = PlantParameters {
+        elements,
+        ..PlantParameters::default()
+    };
+    bencher.bench(|| {
+        let mut plant = Plant::new(&plan, &parameters, Start::PlanAtRest).expect("a plant");
+        for point in &plan.points {
+            plant.advance(point.torque);
+        }
+        plant
+    });
+}
+
+/// Plant, measurement, controller in f32 and log: 2 s at 5 kHz ticks, single thread.
+#[divan::bench(args = [3, 8])]
+fn run_2_s_in_closed_loop(bencher: divan::Bencher<'_, '_>, elements: usize) {
+    let plan = paper(2.0);
+    let image = knots::encode(&plan).expect("a table").image;
+    let law = config::parse_controller("example", config::DEFAULT_CONTROLLER).expect("valid");
+    let options = RunOptions {
+        law,
+        limits: cases::default_limits(&plan),
+        plant: cases::plant(elements, 0.9),
+        start: Start::PlanAtRest,
+    };
+    bencher.bench(|| closed_loop::run::<f32>(&plan, &image, &options));
+}

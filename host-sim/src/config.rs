@@ -1,0 +1,812 @@
+//! The user's files: arm, task, controller and plant, in TOML.
+//!
+//! Every number has a range; every error is one line that names the file, the field,
+//! its value and what is accepted. Unknown keys are refused, with the known ones named.
+
+use crate::model::ELEMENTS_MAX;
+use crate::plan::{Task, Window};
+use crate::plant::{PlantParameters, SUBSTEPS_MAX, Start};
+use crate::trajectory::{Line, Profile};
+use serde::de::{self, DeserializeOwned, Visitor};
+use serde::{Deserialize, Deserializer};
+use shared::arm::{ArmParameters, Elbow};
+use shared::guard::LimitParameters;
+use shared::law::{ForceProjection, LawParameters, SlopeRateFeedback};
+use std::fmt;
+use std::path::Path;
+
+/// The arm that is used when no file is given: the paper's, `examples/arm.toml`.
+pub const DEFAULT_ARM: &str = include_str!("../../examples/arm.toml");
+/// The task that is used when no file is given: the paper's, `examples/task.toml`.
+pub const DEFAULT_TASK: &str = include_str!("../../examples/task.toml");
+/// The controller that is used when no file is given: `examples/controller.toml`.
+pub const DEFAULT_CONTROLLER: &str = include_str!("../../examples/controller.toml");
+
+/// Control rate when none is asked for, Hz.
+pub const DEFAULT_TICK_RATE_HZ: u32 = 5000;
+
+/// What is wrong with a file.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// It cannot be read.
+    #[error("{file}: cannot be read: {cause}")]
+    Unreadable {
+        /// The file.
+        file: String,
+        /// Why.
+        cause: std::io::Error,
+    },
+    /// It is not TOML, or not of the right structure.
+    #[error("{file}: {message}")]
+    Malformed {
+        /// The file.
+        file: String,
+        /// Where and what, with what is accepted.
+        message: String,
+    },
+    /// A value is out of its range.
+    #[error("{file}: {field} = {value}; accepted: {accepted}")]
+    OutOfRange {
+        /// The file.
+        file: String,
+        /// Dotted name of the field.
+        field: String,
+        /// Its value.
+        value: f64,
+        /// The range.
+        accepted: String,
+    },
+}
+
+/// The numbers that a field accepts.
+struct Range {
+    field: &'static str,
+    /// Smallest value; excluded where `above`.
+    low: f64,
+    above: bool,
+    high: f64,
+    /// Words for what the numbers are, with the unit.
+    what: &'static str,
+}
+
+const fn from(field: &'static str, low: f64, high: f64, what: &'static str) -> Range {
+    Range {
+        field,
+        low,
+        above: false,
+        high,
+        what,
+    }
+}
+
+const fn above(field: &'static str, low: f64, high: f64, what: &'static str) -> Range {
+    Range {
+        field,
+        low,
+        above: true,
+        high,
+        what,
+    }
+}
+
+impl fmt::Display for Range {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            low, high, what, ..
+        } = self;
+        if self.above {
+            write!(f, "{what} above {low} up to {high}")
+        } else {
+            write!(f, "{what} from {low} to {high}")
+        }
+    }
+}
+
+/// Wide enough for any arm that this model describes, and no wider: beyond, a value is
+/// a slip of the unit.
+const RANGES: &[Range] = &[
+    from("link1.length_m", 1e-3, 100.0, "a length in m"),
+    from("link1.mass_kg", 1e-6, 1e5, "a mass in kg"),
+    from("link2.length_m", 1e-3, 100.0, "a length in m"),
+    from("link2.mass_kg", 1e-6, 1e5, "a mass in kg"),
+    from(
+        "link2.bending_stiffness_Nm2",
+        1e-9,
+        1e9,
+        "a stiffness EI in N m^2",
+    ),
+    from("link2.damping_ratio", 0.0, 0.99, "a ratio"),
+    // The planner's zeros become the harder the finer the link; see docs/model.md.
+    from("link2.elements", 1.0, 12.0, "a whole number of elements"),
+    from("link2.root_inertia_kgm2", 0.0, 1e3, "an inertia in kg m^2"),
+    from("link2.tip_mass_kg", 0.0, 1e5, "a mass in kg"),
+    from("link2.tip_inertia_kgm2", 0.0, 1e3, "an inertia in kg m^2"),
+    from("base.gravity_m_s2", -1e3, 1e3, "two accelerations in m/s^2"),
+    above("limits.torque_Nm", 0.0, 1e6, "two torques in N m"),
+    above(
+        "limits.torque_rate_Nm_s",
+        0.0,
+        1e12,
+        "two torque rates in N m/s",
+    ),
+    from("duration_s", 1e-4, 1000.0, "a time in s"),
+    from("pre_actuation_s", 0.0, 60.0, "\"auto\" or a time in s"),
+    from("post_actuation_s", 0.0, 60.0, "\"auto\" or a time in s"),
+    from("actuation_tolerance", 1e-15, 0.5, "a ratio"),
+    from("path.from_m", -200.0, 200.0, "two coordinates in m"),
+    from("path.to_m", -200.0, 200.0, "two coordinates in m"),
+    from("force.normal_N", 0.0, 1e6, "a force in N"),
+    from(
+        "force.direction",
+        -1e6,
+        1e6,
+        "two components, not both zero,",
+    ),
+    from("K_DF_s", 0.0, 1e3, "a gain in s"),
+    from("K_PF", 0.0, 1e3, "a gain"),
+    from("K_IF_per_s", 0.0, 1e6, "a gain in 1/s"),
+    from("K_w_Nms_rad", 0.0, 1e4, "a gain in N m s/rad"),
+    above("force_filter_Hz", 0.0, 1e6, "a frequency in Hz"),
+    above("slope_rate_filter_Hz", 0.0, 1e6, "a frequency in Hz"),
+    from(
+        "elements",
+        1.0,
+        ELEMENTS_MAX as f64,
+        "a whole number of elements",
+    ),
+    from("bending_stiffness_scale", 0.01, 100.0, "a factor"),
+    from("link1_mass_scale", 0.01, 100.0, "a factor"),
+    from("link2_mass_scale", 0.01, 100.0, "a factor"),
+    from("damping_scale", 0.0, 10.0, "a factor"),
+    from("root_inertia_kgm2", 0.0, 1e3, "an inertia in kg m^2"),
+    from("tip_mass_kg", 0.0, 1e5, "a mass in kg"),
+    from("tip_inertia_kgm2", 0.0, 1e3, "an inertia in kg m^2"),
+    from(
+        "viscous_friction_Nms_rad",
+        0.0,
+        1e4,
+        "two frictions in N m s/rad",
+    ),
+    from(
+        "coulomb_friction_Nm",
+        0.0,
+        1e4,
+        "two friction torques in N m",
+    ),
+    from(
+        "substeps",
+        1.0,
+        SUBSTEPS_MAX as f64,
+        "a whole number of integration steps a tick",
+    ),
+];
+
+/// Words for what the fields without a range accept.
+const WORDS: &[(&str, &str)] = &[
+    ("link1", "a table [link1]"),
+    ("link2", "a table [link2]"),
+    ("base", "a table [base]"),
+    ("base.elbow", "\"down\" or \"up\""),
+    ("limits", "a table [limits]"),
+    ("path", "a table [path]"),
+    ("path.profile", "\"poly11\""),
+    ("force", "a table [force]"),
+    (
+        "force_projection",
+        "\"jacobian-transpose\" or \"as-printed\"",
+    ),
+    ("slope_rate_feedback", "\"deviation\" or \"as-printed\""),
+    ("feedforward", "true or false"),
+    ("geometric_stiffness", "true or false"),
+    (
+        "start",
+        "\"plan-moving\", \"plan-at-rest\" or \"equilibrium\"",
+    ),
+];
+
+/// What `field` accepts, in words.
+fn accepted(field: &str) -> Option<String> {
+    let range = RANGES.iter().find(|r| r.field == field);
+    let words = || WORDS.iter().find(|(name, _)| *name == field);
+    range
+        .map(ToString::to_string)
+        .or_else(|| words().map(|(_, words)| (*words).to_string()))
+}
+
+/// Reads TOML; errors become one line.
+fn parse<T: DeserializeOwned>(file: &str, text: &str) -> Result<T, ConfigError> {
+    let malformed = |message: String| ConfigError::Malformed {
+        file: file.to_string(),
+        // Parsers quote the source on further lines.
+        message: message.split_whitespace().collect::<Vec<_>>().join(" "),
+    };
+    let line = |error: &toml::de::Error| {
+        let at = error.span().map_or(0, |span| span.start.min(text.len()));
+        text.as_bytes()[..at]
+            .iter()
+            .filter(|b| **b == b'\n')
+            .count()
+            + 1
+    };
+    let deserializer = toml::Deserializer::parse(text)
+        .map_err(|e| malformed(format!("line {}: {}", line(&e), e.message())))?;
+    serde_path_to_error::deserialize(deserializer).map_err(|e| {
+        let path = e.path().to_string();
+        let inner = e.inner();
+        let message = inner.message();
+        // "missing field `x`" comes with the path of its table.
+        let missing = message
+            .strip_prefix("missing field `")
+            .and_then(|m| m.strip_suffix('`'));
+        let field = match missing {
+            Some(name) if path == "." => name.to_string(),
+            Some(name) => format!("{path}.{name}"),
+            None => path,
+        };
+        // An element of an array is named like the array.
+        let known = field.split('[').next().unwrap_or_default();
+        let hint = accepted(known).map_or(String::new(), |a| format!("; accepted: {a}"));
+        let place = if missing.is_some() {
+            String::new()
+        } else {
+            format!("line {}: ", line(inner))
+        };
+        malformed(format!("{place}{field}: {message}{hint}"))
+    })
+}
+
+/// Checks values against their ranges.
+struct Check<'a> {
+    file: &'a str,
+}
+
+impl Check<'_> {
+    fn value(&self, field: &str, value: f64) -> Result<f64, ConfigError> {
+        let name = field.split('[').next().unwrap_or_default();
+        let Some(range) = RANGES.iter().find(|r| r.field == name) else {
+            debug_assert!(false, "{field} has no range");
+            return Ok(value);
+        };
+        let low = if range.above {
+            value > range.low
+        } else {
+            value >= range.low
+        };
+        if low && value <= range.high {
+            Ok(value)
+        } else {
+            Err(ConfigError::OutOfRange {
+                file: self.file.to_string(),
+                field: field.to_string(),
+                value,
+                accepted: range.to_string(),
+            })
+        }
+    }
+
+    fn pair(&self, field: &str, values: [f64; 2]) -> Result<[f64; 2], ConfigError> {
+        self.value(&format!("{field}[0]"), values[0])?;
+        self.value(&format!("{field}[1]"), values[1])?;
+        Ok(values)
+    }
+
+    fn optional(&self, field: &str, value: Option<f64>) -> Result<Option<f64>, ConfigError> {
+        value.map(|v| self.value(field, v)).transpose()
+    }
+
+    /// Whole numbers are read as integers; only their range is left to check.
+    fn whole(&self, field: &str, value: u32) -> Result<u32, ConfigError> {
+        self.value(field, f64::from(value)).map(|_| value)
+    }
+}
+
+/// `arm.toml`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ArmConfig {
+    /// The arm's physical data.
+    pub arm: ArmParameters,
+    /// Elements of link 2 to plan with.
+    pub elements: usize,
+    /// The drives' limits, if the file has them.
+    pub limits: Option<LimitParameters>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ArmFile {
+    link1: Link1File,
+    link2: Link2File,
+    base: BaseFile,
+    limits: Option<LimitsFile>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Link1File {
+    length_m: f64,
+    mass_kg: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Link2File {
+    length_m: f64,
+    mass_kg: f64,
+    #[serde(rename = "bending_stiffness_Nm2")]
+    bending_stiffness: f64,
+    damping_ratio: f64,
+    elements: u32,
+    #[serde(default)]
+    root_inertia_kgm2: f64,
+    #[serde(default)]
+    tip_mass_kg: f64,
+    #[serde(default)]
+    tip_inertia_kgm2: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct BaseFile {
+    gravity_m_s2: [f64; 2],
+    elbow: ElbowFile,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum ElbowFile {
+    Down,
+    Up,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LimitsFile {
+    #[serde(rename = "torque_Nm")]
+    torque: [f64; 2],
+    #[serde(rename = "torque_rate_Nm_s")]
+    torque_rate: [f64; 2],
+}
+
+/// Reads the text of an `arm.toml`; `file` is its name for messages.
+///
+/// # Errors
+/// [`ConfigError`].
+pub fn parse_arm(file: &str, text: &str) -> Result<ArmConfig, ConfigError> {
+    let read: ArmFile = parse(file, text)?;
+    let check = Check { file };
+    let (link1, link2, base) = (read.link1, read.link2, read.base);
+    let limits = read.limits.map(|limits| {
+        Ok(LimitParameters {
+            torque_nm: check.pair("limits.torque_Nm", limits.torque)?,
+            torque_rate_nm_s: check.pair("limits.torque_rate_Nm_s", limits.torque_rate)?,
+        })
+    });
+    Ok(ArmConfig {
+        arm: ArmParameters {
+            link1_length_m: check.value("link1.length_m", link1.length_m)?,
+            link1_mass_kg: check.value("link1.mass_kg", link1.mass_kg)?,
+            link2_length_m: check.value("link2.length_m", link2.length_m)?,
+            link2_mass_kg: check.value("link2.mass_kg", link2.mass_kg)?,
+            bending_stiffness_nm2: check
+                .value("link2.bending_stiffness_Nm2", link2.bending_stiffness)?,
+            damping_ratio: check.value("link2.damping_ratio", link2.damping_ratio)?,
+            root_inertia_kgm2: check.value("link2.root_inertia_kgm2", link2.root_inertia_kgm2)?,
+            tip_mass_kg: check.value("link2.tip_mass_kg", link2.tip_mass_kg)?,
+            tip_inertia_kgm2: check.value("link2.tip_inertia_kgm2", link2.tip_inertia_kgm2)?,
+            gravity_m_s2: check.pair("base.gravity_m_s2", base.gravity_m_s2)?,
+            elbow: match base.elbow {
+                ElbowFile::Down => Elbow::Down,
+                ElbowFile::Up => Elbow::Up,
+            },
+        },
+        elements: check.whole("link2.elements", link2.elements)? as usize,
+        limits: limits.transpose()?,
+    })
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TaskFile {
+    duration_s: f64,
+    pre_actuation_s: WindowFile,
+    post_actuation_s: WindowFile,
+    #[serde(default = "default_actuation_tolerance")]
+    actuation_tolerance: f64,
+    path: PathFile,
+    force: ForceFile,
+}
+
+/// Ratio to which "auto" lets the link's motion decay: the paper's fast task then starts
+/// with a slope rate of 1e-6 rad/s instead of 1.3.
+fn default_actuation_tolerance() -> f64 {
+    1e-6
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PathFile {
+    from_m: [f64; 2],
+    to_m: [f64; 2],
+    profile: ProfileFile,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum ProfileFile {
+    Poly11,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ForceFile {
+    #[serde(rename = "normal_N")]
+    normal: f64,
+    direction: Option<[f64; 2]>,
+}
+
+/// Seconds, or "auto".
+enum WindowFile {
+    Seconds(f64),
+    Auto,
+}
+
+impl<'de> Deserialize<'de> for WindowFile {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Words;
+        impl Visitor<'_> for Words {
+            type Value = WindowFile;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a number or \"auto\"")
+            }
+            fn visit_f64<E: de::Error>(self, v: f64) -> Result<WindowFile, E> {
+                Ok(WindowFile::Seconds(v))
+            }
+            fn visit_i64<E: de::Error>(self, v: i64) -> Result<WindowFile, E> {
+                Ok(WindowFile::Seconds(v as f64))
+            }
+            fn visit_str<E: de::Error>(self, v: &str) -> Result<WindowFile, E> {
+                if v == "auto" {
+                    Ok(WindowFile::Auto)
+                } else {
+                    Err(E::invalid_value(de::Unexpected::Str(v), &self))
+                }
+            }
+        }
+        deserializer.deserialize_any(Words)
+    }
+}
+
+/// Reads the text of a `task.toml`; `file` is its name for messages.
+///
+/// # Errors
+/// [`ConfigError`].
+pub fn parse_task(file: &str, text: &str) -> Result<Task, ConfigError> {
+    let read: TaskFile = parse(file, text)?;
+    let check = Check { file };
+    let tolerance = check.value("actuation_tolerance", read.actuation_tolerance)?;
+    let window = |field: &str, window: &WindowFile| match window {
+        WindowFile::Seconds(seconds) => check.value(field, *seconds).map(Window::Fixed),
+        WindowFile::Auto => Ok(Window::Auto { tolerance }),
+    };
+    if let Some(direction) = read.force.direction {
+        check.pair("force.direction", direction)?;
+        if direction == [0.0; 2] {
+            return Err(ConfigError::OutOfRange {
+                file: file.to_string(),
+                field: "force.direction".to_string(),
+                value: 0.0,
+                accepted: accepted("force.direction").unwrap_or_default(),
+            });
+        }
+    }
+    Ok(Task {
+        path: Line {
+            from: check.pair("path.from_m", read.path.from_m)?,
+            to: check.pair("path.to_m", read.path.to_m)?,
+            duration: check.value("duration_s", read.duration_s)?,
+            profile: match read.path.profile {
+                ProfileFile::Poly11 => Profile::Poly11,
+            },
+        },
+        normal_force: check.value("force.normal_N", read.force.normal)?,
+        direction: read.force.direction,
+        pre_actuation: window("pre_actuation_s", &read.pre_actuation_s)?,
+        post_actuation: window("post_actuation_s", &read.post_actuation_s)?,
+    })
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ControllerFile {
+    #[serde(rename = "K_DF_s", alias = "K_DF")]
+    force_derivative: f64,
+    #[serde(rename = "K_PF")]
+    force_proportional: f64,
+    #[serde(rename = "K_IF_per_s", alias = "K_IF")]
+    force_integral: f64,
+    #[serde(rename = "K_w_Nms_rad", alias = "K_w")]
+    slope_rate: f64,
+    #[serde(rename = "force_filter_Hz")]
+    force_filter: Option<f64>,
+    #[serde(rename = "slope_rate_filter_Hz")]
+    slope_rate_filter: Option<f64>,
+    #[serde(default)]
+    force_projection: ForceProjectionFile,
+    #[serde(default)]
+    slope_rate_feedback: SlopeRateFeedbackFile,
+    #[serde(default = "default_true")]
+    feedforward: bool,
+}
+
+fn default_true() -> bool {
+    true
+}
+
+#[derive(Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum ForceProjectionFile {
+    #[default]
+    JacobianTranspose,
+    AsPrinted,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum SlopeRateFeedbackFile {
+    #[default]
+    Deviation,
+    AsPrinted,
+}
+
+/// Reads the text of a `controller.toml`; `file` is its name for messages.
+///
+/// # Errors
+/// [`ConfigError`].
+pub fn parse_controller(file: &str, text: &str) -> Result<LawParameters, ConfigError> {
+    let read: ControllerFile = parse(file, text)?;
+    let check = Check { file };
+    let force_derivative_s = check.value("K_DF_s", read.force_derivative)?;
+    let force_filter_hz = check.optional("force_filter_Hz", read.force_filter)?;
+    if force_derivative_s != 0.0 && force_filter_hz.is_none() {
+        return Err(ConfigError::Malformed {
+            file: file.to_string(),
+            message: format!(
+                "K_DF_s = {force_derivative_s} needs force_filter_Hz (an unfiltered derivative is noise); accepted: {}",
+                accepted("force_filter_Hz").unwrap_or_default()
+            ),
+        });
+    }
+    Ok(LawParameters {
+        force_derivative_s,
+        force_proportional: check.value("K_PF", read.force_proportional)?,
+        force_integral_per_s: check.value("K_IF_per_s", read.force_integral)?,
+        slope_rate_nms_rad: check.value("K_w_Nms_rad", read.slope_rate)?,
+        force_filter_hz,
+        slope_rate_filter_hz: check.optional("slope_rate_filter_Hz", read.slope_rate_filter)?,
+        force_projection: match read.force_projection {
+            ForceProjectionFile::JacobianTranspose => ForceProjection::JacobianTranspose,
+            ForceProjectionFile::AsPrinted => ForceProjection::AsPrinted,
+        },
+        slope_rate_feedback: match read.slope_rate_feedback {
+            SlopeRateFeedbackFile::Deviation => SlopeRateFeedback::Deviation,
+            SlopeRateFeedbackFile::AsPrinted => SlopeRateFeedback::AsPrinted,
+        },
+        feedforward: read.feedforward,
+    })
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PlantFile {
+    elements: Option<u32>,
+    bending_stiffness_scale: Option<f64>,
+    link1_mass_scale: Option<f64>,
+    link2_mass_scale: Option<f64>,
+    damping_scale: Option<f64>,
+    root_inertia_kgm2: Option<f64>,
+    tip_mass_kg: Option<f64>,
+    tip_inertia_kgm2: Option<f64>,
+    #[serde(rename = "viscous_friction_Nms_rad")]
+    viscous_friction: Option<[f64; 2]>,
+    #[serde(rename = "coulomb_friction_Nm")]
+    coulomb_friction: Option<[f64; 2]>,
+    geometric_stiffness: Option<bool>,
+    substeps: Option<u32>,
+    start: Option<StartFile>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum StartFile {
+    PlanMoving,
+    PlanAtRest,
+    Equilibrium,
+}
+
+/// Reads the text of a plant file; `file` is its name for messages. What the file
+/// leaves out is as in [`PlantParameters::default`].
+///
+/// # Errors
+/// [`ConfigError`].
+pub fn parse_plant(file: &str, text: &str) -> Result<(PlantParameters, Start), ConfigError> {
+    let read: PlantFile = parse(file, text)?;
+    let check = Check { file };
+    let scale =
+        |field: &str, value: Option<f64>| check.optional(field, value).map(|v| v.unwrap_or(1.0));
+    let pair =
+        |field: &str, value: Option<[f64; 2]>| value.map_or(Ok([0.0; 2]), |v| check.pair(field, v));
+    let default = PlantParameters::default();
+    let parameters = PlantParameters {
+        elements: match read.elements {
+            Some(elements) => check.whole("elements", elements)? as usize,
+            None => default.elements,
+        },
+        bending_stiffness_scale: scale("bending_stiffness_scale", read.bending_stiffness_scale)?,
+        link1_mass_scale: scale("link1_mass_scale", read.link1_mass_scale)?,
+        link2_mass_scale: scale("link2_mass_scale", read.link2_mass_scale)?,
+        damping_scale: scale("damping_scale", read.damping_scale)?,
+        root_inertia_kgm2: check.optional("root_inertia_kgm2", read.root_inertia_kgm2)?,
+        tip_mass_kg: check.optional("tip_mass_kg", read.tip_mass_kg)?,
+        tip_inertia_kgm2: check.optional("tip_inertia_kgm2", read.tip_inertia_kgm2)?,
+        viscous_friction_nms_rad: pair("viscous_friction_Nms_rad", read.viscous_friction)?,
+        coulomb_friction_nm: pair("coulomb_friction_Nm", read.coulomb_friction)?,
+        geometric_stiffness: read.geometric_stiffness.unwrap_or(false),
+        substeps: read
+            .substeps
+            .map(|s| check.whole("substeps", s))
+            .transpose()?,
+    };
+    let start = match read.start {
+        Some(StartFile::PlanMoving) => Start::PlanMoving,
+        Some(StartFile::Equilibrium) => Start::Equilibrium,
+        Some(StartFile::PlanAtRest) | None => Start::PlanAtRest,
+    };
+    Ok((parameters, start))
+}
+
+/// Checks a number given on the command line as `field` of a plant file.
+///
+/// # Errors
+/// [`ConfigError::OutOfRange`].
+pub fn check_option(field: &'static str, value: f64) -> Result<f64, ConfigError> {
+    Check {
+        file: "command line",
+    }
+    .value(field, value)
+}
+
+/// Reads `path`, or takes `default` where there is none, and hands name and text to
+/// `parse`.
+///
+/// # Errors
+/// [`ConfigError`].
+pub fn load<T>(
+    path: Option<&Path>,
+    default: &str,
+    parse: impl Fn(&str, &str) -> Result<T, ConfigError>,
+) -> Result<T, ConfigError> {
+    let Some(path) = path else {
+        return parse("built-in example", default);
+    };
+    let file = path.display().to_string();
+    match std::fs::read_to_string(path) {
+        Ok(text) => parse(&file, &text),
+        Err(cause) => Err(ConfigError::Unreadable { file, cause }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_examples_are_the_papers_arm_and_task() {
+        let config = parse_arm("arm", DEFAULT_ARM).unwrap();
+        assert_eq!(config.arm, crate::testing::PAPER);
+        assert_eq!((config.elements, config.limits), (3, None));
+        let task = parse_task("task", DEFAULT_TASK).unwrap();
+        assert_eq!((task.path.from, task.path.to), ([0.7, 0.05], [0.2, 0.05]));
+        assert_eq!((task.path.duration, task.normal_force), (2.0, 2.0));
+        parse_controller("controller", DEFAULT_CONTROLLER).unwrap();
+        let soft = include_str!("../../examples/plant_soft.toml");
+        assert_eq!(
+            parse_plant("plant", soft)
+                .unwrap()
+                .0
+                .bending_stiffness_scale,
+            0.9
+        );
+    }
+
+    fn arm_error(from: &str, to: &str) -> String {
+        assert!(DEFAULT_ARM.contains(from));
+        parse_arm("arm.toml", &DEFAULT_ARM.replacen(from, to, 1))
+            .unwrap_err()
+            .to_string()
+    }
+
+    #[test]
+    fn errors_are_one_line_with_field_value_and_what_is_accepted() {
+        for (from, to, expected) in [
+            (
+                "length_m = 0.5\n",
+                "length_m = -0.5\n",
+                "arm.toml: link1.length_m = -0.5; accepted: a length in m from 0.001 to 100",
+            ),
+            (
+                "length_m = 0.5\n",
+                "",
+                "arm.toml: link1.length_m: missing field `length_m`; accepted: a length in m from 0.001 to 100",
+            ),
+            (
+                "length_m = 0.5\n",
+                "length_m = \"long\"\n",
+                "arm.toml: line 4: link1.length_m: invalid type: string \"long\", expected f64; accepted: a length in m from 0.001 to 100",
+            ),
+            (
+                "mass_kg = 0.24",
+                "mass_kg = nan",
+                "arm.toml: link2.mass_kg = NaN; accepted: a mass in kg from 0.000001 to 100000",
+            ),
+            (
+                "[0.0, 9.81]",
+                "[0.0, inf]",
+                "arm.toml: base.gravity_m_s2[1] = inf; accepted: two accelerations in m/s^2 from -1000 to 1000",
+            ),
+            (
+                "mass_kg = 8.0",
+                "mas_kg = 8.0",
+                "arm.toml: line 5: link1.mas_kg: unknown field `mas_kg`, expected `length_m` or `mass_kg`",
+            ),
+            (
+                "\"down\"",
+                "\"sideways\"",
+                "arm.toml: line 20: base.elbow: unknown variant `sideways`, expected `down` or `up`; accepted: \"down\" or \"up\"",
+            ),
+            (
+                "elements = 3",
+                "elements = 0",
+                "arm.toml: link2.elements = 0; accepted: a whole number of elements from 1 to 12",
+            ),
+        ] {
+            assert_eq!(arm_error(from, to), expected);
+        }
+        assert!(arm_error("elements = 3", "elements = -3").contains("link2.elements"));
+        assert!(arm_error("[link1]", "[link1").starts_with("arm.toml: line 3: "));
+        assert!(arm_error("[0.0, 9.81]", "[0.0]").contains("base.gravity_m_s2"));
+    }
+
+    #[test]
+    fn windows_are_numbers_or_auto() {
+        let with = |value: &str| {
+            let text = DEFAULT_TASK.replacen(
+                "pre_actuation_s = 0.0",
+                &format!("pre_actuation_s = {value}"),
+                1,
+            );
+            parse_task("task.toml", &text)
+        };
+        assert_eq!(with("1").unwrap().pre_actuation, Window::Fixed(1.0));
+        assert!(matches!(
+            with("\"auto\"").unwrap().pre_actuation,
+            Window::Auto { .. }
+        ));
+        for bad in ["\"soon\"", "-0.1", "nan", "[1.0]", "true"] {
+            let error = with(bad).unwrap_err().to_string();
+            assert!(
+                error.contains("pre_actuation_s") && error.contains("auto"),
+                "{error}"
+            );
+            assert!(!error.contains('\n'));
+        }
+    }
+
+    #[test]
+    fn a_derivative_gain_wants_a_filter() {
+        let text = DEFAULT_CONTROLLER.replacen("K_DF_s = 0.0", "K_DF_s = 0.01", 1);
+        let error = parse_controller("controller.toml", &text)
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("force_filter_Hz"), "{error}");
+    }
+}

@@ -1,0 +1,133 @@
+//! Reports of simulated runs: figures as SVG files and one self-contained HTML page
+//! with the figures, a table of results and a player of the arm's motion.
+//!
+//! Glossary: a *case* is a controller with its start, e.g. `feedforward`; a *plant* is
+//! the simulated arm it ran on, e.g. `stiffness_x0.9`.
+
+mod figures;
+mod html;
+
+use crate::closed_loop::Run;
+use crate::plan::Plan;
+use std::path::{Path, PathBuf};
+
+pub use figures::write_figures;
+pub use html::write_html;
+
+/// One simulated case for the report.
+#[derive(Clone, Copy, Debug)]
+pub struct Case<'a> {
+    /// Name of the case, snake_case; underscores are shown as spaces.
+    pub case: &'a str,
+    /// Name of the plant, likewise.
+    pub plant: &'a str,
+    /// The plan that was run.
+    pub plan: &'a Plan,
+    /// The run.
+    pub run: &'a Run,
+}
+
+impl Case<'_> {
+    /// Name of the case for readers.
+    fn title(&self) -> String {
+        self.case.replace('_', " ")
+    }
+
+    /// Name of the plant for readers.
+    fn plant_title(&self) -> String {
+        self.plant.replace('_', " ")
+    }
+
+    /// First and last time of the plan, s.
+    fn times(&self) -> [f64; 2] {
+        let end = |point: Option<&crate::plan::PlanPoint>| point.map_or(0.0, |p| p.t);
+        [end(self.plan.points.first()), end(self.plan.points.last())]
+    }
+}
+
+/// Why a report could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// There is nothing to report.
+    #[error("a report of no cases: at least one is accepted")]
+    NoCases,
+    /// A file or its folder could not be written.
+    #[error("cannot write {}: {source}", path.display())]
+    Write {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A figure could not be drawn.
+    #[error("cannot draw the figure {figure}: {reason}")]
+    Draw {
+        /// The figure's name.
+        figure: String,
+        /// What the plotting library said.
+        reason: String,
+    },
+    /// The page could not be put together.
+    #[error("cannot make the page {}: {reason}", path.display())]
+    Page {
+        /// The page's file.
+        path: PathBuf,
+        /// What the template engine said.
+        reason: String,
+    },
+}
+
+/// Writes `text` to `path` and makes the folder it goes into.
+fn write_file(path: &Path, text: &str) -> Result<(), ReportError> {
+    let failed = |path: &Path| {
+        let path = path.to_path_buf();
+        |source| ReportError::Write { path, source }
+    };
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(failed(folder))?;
+    }
+    std::fs::write(path, text).map_err(failed(path))
+}
+
+#[cfg(test)]
+pub(crate) mod testing {
+    //! A short planned motion and a run of it, made once for the tests.
+    use crate::closed_loop::{Run, RunOptions, run};
+    use crate::plan::{Plan, PlanOptions, Task, Window, plan};
+    use crate::plant::{PlantParameters, Start};
+    use crate::testing::PAPER;
+    use crate::trajectory::{Line, Profile};
+    use shared::guard::LimitParameters;
+    use shared::law::LawParameters;
+
+    pub(crate) fn short_run() -> (Plan, Run) {
+        let task = Task {
+            path: Line {
+                from: [0.6, 0.05],
+                to: [0.5, 0.05],
+                duration: 0.4,
+                profile: Profile::Poly11,
+            },
+            normal_force: 2.0,
+            direction: None,
+            pre_actuation: Window::Fixed(0.1),
+            post_actuation: Window::Fixed(0.0),
+        };
+        let plan = plan(&PAPER, &task, &PlanOptions::default()).unwrap();
+        let image = crate::knots::encode(&plan).unwrap().image;
+        let options = RunOptions {
+            law: LawParameters::FEEDFORWARD,
+            limits: LimitParameters {
+                torque_nm: [100.0, 10.0],
+                torque_rate_nm_s: [1e5, 1e4],
+            },
+            plant: PlantParameters {
+                elements: 3,
+                ..PlantParameters::default()
+            },
+            start: Start::PlanAtRest,
+        };
+        let run = run::<f32>(&plan, &image, &options).unwrap();
+        (plan, run)
+    }
+}

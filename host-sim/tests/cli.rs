@@ -1,0 +1,381 @@
+//! The command line as a user meets it: results, errors and exit codes.
+
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const ARM: &str = include_str!("../../examples/arm.toml");
+const TASK: &str = include_str!("../../examples/task.toml");
+
+/// A folder of its own for a test, empty at its start.
+fn folder(test: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(test);
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+fn host_sim(arguments: &[&str]) -> Output {
+    let program = Path::new(env!("CARGO_BIN_EXE_host-sim"));
+    Command::new(program).args(arguments).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn json(output: &Output) -> Value {
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// Runs `arguments`, which must fail with `code` and one line that has all of `words`.
+fn refused(arguments: &[&str], code: i32, words: &[&str]) {
+    let output = host_sim(arguments);
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
+    assert_eq!(message.trim_end().lines().count(), 1, "{message}");
+    assert!(!message.contains("panicked"), "{message}");
+    for word in words {
+        assert!(
+            message.contains(word),
+            "{arguments:?}: no {word:?} in {message}"
+        );
+    }
+}
+
+#[test]
+fn the_demo_reports_ten_cases_within_their_bars() {
+    let out = folder("demo");
+    let out = out.to_str().unwrap();
+    let result = json(&host_sim(&["demo", "--json", "--out", out]));
+    let cases = result["cases"].as_array().unwrap();
+    assert_eq!(cases.len(), 10);
+    let rms = |case: &str, plant: &str| {
+        let found = cases
+            .iter()
+            .find(|c| c["case"] == case && c["plant"] == plant);
+        found.unwrap()["force_error_rms_N"].as_f64().unwrap()
+    };
+    for case in ["feedforward_with_initial_velocity", "feedforward"] {
+        assert!(rms(case, "nominal") <= 5e-5);
+    }
+    assert!(rms("proposed", "stiffness_x0.9") <= 0.45 * rms("feedforward", "stiffness_x0.9"));
+    assert!(rms("fast_from_rest", "nominal") <= 0.002);
+    for case in cases {
+        let fails = case["outcome"] != "completed";
+        assert_eq!(fails, case["case"] == "feedback", "{case}");
+    }
+    for file in [
+        "report.html",
+        "plan.csv",
+        "summary.json",
+        "stick_figure.svg",
+        "contact_force_cases.svg",
+        "proposed_stiffness_x0.9.svg",
+        "proposed_stiffness_x0.9/run.csv",
+        "proposed_stiffness_x0.9/summary.json",
+    ] {
+        let size = std::fs::metadata(Path::new(out).join(file)).unwrap().len();
+        assert!(size > 500, "{file} has {size} bytes");
+    }
+}
+
+#[test]
+fn a_plan_comes_as_csv_table_and_json() {
+    let out = folder("plan");
+    let result = json(&host_sim(&[
+        "plan",
+        "--json",
+        "--out",
+        out.to_str().unwrap(),
+    ]));
+    assert!(result["table_bytes"].as_u64().unwrap() <= 16 * 1024);
+    assert!(result["table_torque_error_max_Nm"].as_f64().unwrap() <= 1e-4);
+    assert!(result["error_estimate"].as_f64().unwrap() <= 1e-6);
+    assert!(result["plan_ms"].as_f64().unwrap() > 0.0);
+    let csv = std::fs::read_to_string(out.join("plan.csv")).unwrap();
+    let mut lines = csv.lines();
+    let header = lines.next().unwrap();
+    let columns =
+        "t_s,theta10_rad,theta20_rad,w0,w1,w2,w3,w4,w5,root_slope_rate_rad_s,tau1_Nm,tau2_Nm";
+    assert!(header.starts_with(columns), "{header}");
+    assert_eq!(lines.clone().count(), 10_001);
+    assert!(lines.clone().next().unwrap().starts_with("0,0.96444"));
+    assert!(lines.next_back().unwrap().starts_with("2,"));
+    let image = std::fs::read(out.join("table.bin")).unwrap();
+    assert_eq!(image.len() as u64, result["table_bytes"].as_u64().unwrap());
+}
+
+#[test]
+fn a_run_takes_a_table_file_and_refuses_a_bad_one() {
+    let out = folder("table");
+    let path = |name: &str| out.join(name).to_str().unwrap().to_string();
+    let run = |table: &str| {
+        let out = path("run");
+        host_sim(&[
+            "run",
+            "--json",
+            "--plant-elements",
+            "3",
+            "--table",
+            table,
+            "--out",
+            &out,
+        ])
+    };
+    json(&host_sim(&["plan", "--json", "--out", &path("")]));
+    let result = json(&run(&path("table.bin")));
+    assert_eq!(result["outcome"], "completed");
+    let csv = std::fs::read_to_string(path("run/run.csv")).unwrap();
+    assert!(csv.starts_with(
+        "t_s,f_normal_N,f_normal_ref_N,x1_m,x2_m,x1_ref_m,x2_ref_m,theta10_rad,theta20_rad,root_slope_rad,root_slope_rate_rad_s,tau1_Nm,tau2_Nm"
+    ));
+
+    let image = std::fs::read(path("table.bin")).unwrap();
+    let refused_table = |name: &str, bytes: &[u8], word: &str| {
+        std::fs::write(path(name), bytes).unwrap();
+        refused(
+            &["run", "--table", &path(name), "--out", &path("run")],
+            2,
+            &[name, word],
+        );
+    };
+    refused_table("short.bin", &image[..1000], "truncated");
+    refused_table("empty.bin", &[], "truncated");
+    refused_table("erased.bin", &[0xff; 5000], "FLXT");
+    let mut changed = image.clone();
+    changed[2000] ^= 4;
+    refused_table("changed.bin", &changed, "checksum");
+    refused(
+        &["run", "--table", &path("none.bin"), "--out", &path("run")],
+        2,
+        &["none.bin"],
+    );
+    // A good table of another task.
+    refused(
+        &[
+            "run",
+            "--tick-rate-hz",
+            "1000",
+            "--table",
+            &path("table.bin"),
+            "--out",
+            &path("run"),
+        ],
+        2,
+        &["10000 ticks", "2000 ticks", "plan it again"],
+    );
+    // And of another arm.
+    std::fs::write(path("arm.toml"), ARM.replace("0.24", "0.25")).unwrap();
+    refused(
+        &[
+            "run",
+            "--arm",
+            &path("arm.toml"),
+            "--table",
+            &path("table.bin"),
+            "--out",
+            &path("run"),
+        ],
+        2,
+        &["table.bin", "planned for arm", "plan it again"],
+    );
+}
+
+#[test]
+fn controllers_modes_starts_and_numbers_can_be_chosen() {
+    let out = folder("options");
+    let path = |name: &str| out.join(name).to_str().unwrap().to_string();
+    let rms = |arguments: &[&str]| {
+        let out = path("run");
+        let mut all = vec!["run", "--json", "--plant-elements", "3", "--out", &out];
+        all.extend(arguments);
+        json(&host_sim(&all))["force_error_rms_N"].as_f64().unwrap()
+    };
+    let soft = ["--bending-stiffness-scale", "0.9"];
+    let feedforward = rms(&[soft[0], soft[1], "--mode", "feedforward"]);
+    let equilibrium = rms(&[
+        soft[0],
+        soft[1],
+        "--mode",
+        "feedforward",
+        "--start",
+        "equilibrium",
+    ]);
+    assert!((feedforward - 0.081).abs() < 0.001 && (equilibrium - 0.0076).abs() < 1e-4);
+    let single = rms(&["--number", "f32"]);
+    let double = rms(&["--number", "f64"]);
+    assert!(
+        single != double && (single - double).abs() < 1e-5,
+        "{single} {double}"
+    );
+    std::fs::write(
+        path("printed.toml"),
+        "K_DF = 0.0\nK_PF = 0.0\nK_IF = 2.0\nK_w = 0.1\nforce_projection = \"as-printed\"\n",
+    )
+    .unwrap();
+    let printed = rms(&[soft[0], soft[1], "--controller", &path("printed.toml")]);
+    assert!(printed != rms(&soft));
+    // The paper's equations are no plan for a fast motion.
+    let exact = rms(&["--mode", "feedforward"]);
+    assert!(rms(&["--mode", "feedforward", "--model", "as-printed"]) > 10.0 * exact);
+}
+
+/// Every `key = value` line of a TOML text, with its value's place.
+fn fields(toml: &str) -> Vec<(usize, String)> {
+    let lines = toml.lines().enumerate();
+    let keyed = lines.filter(|(_, line)| !line.starts_with('#') && line.contains(" = "));
+    keyed
+        .map(|(i, line)| (i, line.split(" = ").next().unwrap().to_string()))
+        .collect()
+}
+
+#[test]
+fn every_field_of_both_files_is_guarded() {
+    let out = folder("fields");
+    let path = |name: &str| out.join(name).to_str().unwrap().to_string();
+    let results = path("results");
+    for (option, name, toml) in [("--arm", "arm.toml", ARM), ("--task", "task.toml", TASK)] {
+        let file = path(name);
+        let with_line = |at: usize, line: Option<&str>| {
+            let lines = toml.lines().enumerate();
+            let changed: Vec<_> = lines
+                .filter_map(|(i, old)| if i == at { line } else { Some(old) })
+                .collect();
+            std::fs::write(&file, changed.join("\n")).unwrap();
+            host_sim(&["plan", option, &file, "--out", &results])
+        };
+        for (at, key) in fields(toml) {
+            let pair = toml.lines().nth(at).unwrap().contains('[');
+            let mut bad: Vec<(String, bool)> = vec![
+                (format!("{key} = true"), true),
+                (format!("{key} = {{ a = 1 }}"), true),
+                (format!("{key}_x = 1.0"), true),
+                (format!("{key} ="), true),
+            ];
+            // Zero is good for some: gravity, damping, windows, force, coordinates.
+            for (number, must_fail) in [
+                ("nan", true),
+                ("inf", true),
+                ("1e300", true),
+                ("-1e300", true),
+                ("-1.0", false),
+                ("0.0", false),
+            ] {
+                let value = if pair {
+                    format!("[{number}, 0.05]")
+                } else {
+                    number.to_string()
+                };
+                bad.push((format!("{key} = {value}"), must_fail));
+            }
+            for (line, must_fail) in bad {
+                let output = with_line(at, Some(&line));
+                let message = text(&output.stderr);
+                let code = output.status.code();
+                assert!(!message.contains("panicked"), "{line}: {message}");
+                if must_fail || code != Some(0) {
+                    assert_eq!(code, Some(2), "{line}: {message}");
+                    assert_eq!(message.trim_end().lines().count(), 1, "{line}: {message}");
+                    assert!(
+                        [&key, "line", "path", "duration"]
+                            .iter()
+                            .any(|w| message.contains(*w)),
+                        "{line}: {message}"
+                    );
+                }
+            }
+            let output = with_line(at, None);
+            let message = text(&output.stderr);
+            assert_eq!(output.status.code(), Some(2), "without {key}: {message}");
+            assert!(
+                message.contains(&key) && message.contains("missing"),
+                "{message}"
+            );
+        }
+    }
+}
+
+#[test]
+fn paths_out_of_reach_and_drives_too_weak_are_named() {
+    let out = folder("paths");
+    let path = |name: &str| out.join(name).to_str().unwrap().to_string();
+    let (task, results) = (path("task.toml"), path("results"));
+    std::fs::write(
+        &task,
+        TASK.replace("to_m = [0.2, 0.05]", "to_m = [1.2, 0.05]"),
+    )
+    .unwrap();
+    refused(
+        &["plan", "--task", &task, "--out", &results],
+        2,
+        &["t = 2.0000 s", "1.2000", "unreachable"],
+    );
+    std::fs::write(
+        &task,
+        TASK.replace("to_m = [0.2, 0.05]", "to_m = [0.7, 0.05]"),
+    )
+    .unwrap();
+    refused(
+        &["plan", "--task", &task, "--out", &results],
+        2,
+        &["path.from_m", "path.to_m"],
+    );
+    let arm = path("arm.toml");
+    let limits = "[limits]\ntorque_Nm = [5.0, 1.0]\ntorque_rate_Nm_s = [1e4, 1e4]\n";
+    std::fs::write(&arm, format!("{ARM}\n{limits}")).unwrap();
+    refused(
+        &["plan", "--arm", &arm, "--out", &results],
+        2,
+        &["joint 1", "10.96", "limits.torque_Nm[0] = 5"],
+    );
+}
+
+#[test]
+fn usage_and_output_errors_have_their_codes() {
+    let out = folder("usage");
+    let file = out.join("a_file");
+    std::fs::write(&file, "x").unwrap();
+    let inside = file.join("results");
+    for command in ["plan", "run", "demo"] {
+        refused(
+            &[command, "--out", inside.to_str().unwrap()],
+            1,
+            &["a_file", "cannot be written"],
+        );
+    }
+    refused(
+        &["plan", "--arm", "/nowhere/arm.toml"],
+        2,
+        &["/nowhere/arm.toml", "cannot be read"],
+    );
+    for arguments in [
+        &["fly"][..],
+        &["plan", "--speed", "3"],
+        &["run", "--mode", "best"],
+        &["run", "--tick-rate-hz", "0"],
+        &["run", "--tick-rate-hz", "fast"],
+    ] {
+        assert_eq!(host_sim(arguments).status.code(), Some(2), "{arguments:?}");
+    }
+    refused(
+        &["run", "--plant-elements", "99"],
+        2,
+        &["elements = 99", "1 to 16"],
+    );
+    refused(
+        &["run", "--bending-stiffness-scale", "nan"],
+        2,
+        &["bending_stiffness_scale = NaN"],
+    );
+    for arguments in [
+        &["--help"][..],
+        &["plan", "--help"],
+        &["run", "--help"],
+        &["demo", "--help"],
+    ] {
+        let output = host_sim(arguments);
+        assert!(output.status.success() && text(&output.stdout).contains("Example:"));
+    }
+}
