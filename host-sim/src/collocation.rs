@@ -14,8 +14,8 @@
 //!   contains the stiffness at the mesh point itself and so keeps the fast parts where
 //!   they belong. (Continuity of the rate instead, collocation at Gauss points, leaves
 //!   them undetermined at mesh points: errors of 1e-5 rad for 12 elements.)
-//! - The result is of order 14 at mesh points (11 seen before rounding ends it), 8 between them and 6 in the second
-//!   derivative; its rate is continuous to that accuracy.
+//! - The result is of order 14 at mesh points (11 is seen before rounding ends it), 8
+//!   between them and 6 in the second derivative.
 //! - **Nonlinearity** is met by Newton's method.
 //! - **The mesh** is refined where the expansion of the second derivative in Legendre
 //!   polynomials has not faded. The equation's residual would be the usual measure,
@@ -173,10 +173,10 @@ impl Solution {
 
     /// Estimated errors of `q` and of its second derivative in an interval.
     ///
-    /// XX
-    /// two (both, as either may vanish by symmetry) and their ratio. Integrated twice,
-    /// and with what the neighbours add, `h^2 / 12` of it is no underestimate: the
-    /// tests compare.
+    /// The second derivative is a sum of Legendre polynomials up to the fifth. What is
+    /// left out begins with a sixth, which is guessed from the last two (both, as either
+    /// may vanish by symmetry). Integrated twice, and with what the neighbours add,
+    /// `h^2 / 12` of it is no underestimate: the tests compare.
     fn errors(&self, interval: usize) -> (Vec<f64>, Vec<f64>) {
         let h = self.mesh[interval + 1] - self.mesh[interval];
         let polynomials = &self.polynomials[interval * self.size..][..self.size];
