@@ -25,7 +25,7 @@
 //! eliminated, the planner's boundary-value problem. Everything is generic over the
 //! scalar so that exact derivatives can be had from dual numbers.
 
-use crate::model::{ArmModel, dot};
+use crate::model::{ArmModel, NodalBeam, dot};
 use nalgebra::{DMatrix, DVector};
 use shared::arm::JointMotion;
 use shared::number::Real;
@@ -237,20 +237,24 @@ pub fn elastic_residual(model: &ArmModel, motion: &Motion<'_, f64>, tau2: f64) -
         .collect()
 }
 
-/// The `q` equations with tau2 eliminated (eq. 14, exact), at one instant of a
-/// prescribed tip motion:
+/// The beam's equations with tau2 eliminated (eq. 14, exact), at one instant of a
+/// prescribed tip motion, for nodal deflections `w` (with `M_t` the mass matrix without
+/// root and tip inertia, and E = (1, 0, ..., 0)):
 ///
 /// ```text
-/// (1 - e p') q'' = r - d q' - k q + rate2^2 m q
-///                  + e [load b.q + 2 rate2 q.m q' + acceleration2 q.m q]
+/// (M - E <rho B>) w'' = constant - D w' - K w + rate2^2 M_t w
+///                       + E [load <B>.w + 2 rate2 w.M_t w' + acceleration2 w.M_t w]
 /// ```
 ///
 /// Its zeros come in real pairs of either sign: it must be solved as a boundary-value
-/// problem.
+/// problem. In nodal coordinates, because the matrix on the left is nearly singular (its
+/// determinant against M's is 0.42, 2e-3 and 2e-5 for 3, 8 and 12 elements): here tau2
+/// acts on one row, in modal coordinates on all of them, and with 12 elements
+/// elimination then loses every digit.
 #[derive(Clone, Debug)]
 pub struct DeflectionEquation {
-    /// `r`, mode by mode.
-    pub constant: Vec<f64>,
+    /// The part without `w`, row by row.
+    pub constant: DVector<f64>,
     /// theta20's rate, rad/s.
     pub rate2: f64,
     /// theta20's acceleration, rad/s^2; zero where the quadratic terms are left out.
@@ -279,12 +283,9 @@ pub fn deflection_equation(
     let across = posture.g_n - a_n;
     let root = model.link2_inertia * acceleration2 - model.link2_moment * across
         + model.arm.link2_length_m * posture.along_n2(force);
-    let constant = (0..model.dof())
-        .map(|i| {
-            model.first_moment[i] * across - model.second_moment[i] * acceleration2
-                + model.root_slope[i] * root
-        })
-        .collect();
+    let mut constant =
+        &model.nodal.first_moment * across - &model.nodal.second_moment * acceleration2;
+    constant[0] += root;
     let kept = if as_printed { 0.0 } else { 1.0 };
     DeflectionEquation {
         constant,
@@ -296,95 +297,56 @@ pub fn deflection_equation(
 }
 
 impl DeflectionEquation {
-    /// The right-hand side for `q` and its rate, and its derivatives by both.
+    /// The right-hand side for `w` and its rate, and its derivatives by both.
     pub fn linearise(
         &self,
         model: &ArmModel,
-        q: &[f64],
-        q_rate: &[f64],
+        w: &[f64],
+        w_rate: &[f64],
         value: &mut [f64],
-        by_q: &mut DMatrix<f64>,
+        by_w: &mut DMatrix<f64>,
         by_rate: &mut DMatrix<f64>,
     ) {
-        let n = model.dof();
-        let translate = |x: &[f64]| {
-            let mut y = x.to_vec();
-            for (inertia, slope) in end_inertias(model) {
-                let share = inertia * dot(slope, x);
-                y.iter_mut().zip(slope).for_each(|(y, l)| *y -= share * l);
-            }
-            y
-        };
-        let (mq, mq_rate) = (translate(q), translate(q_rate));
-        let root = self.load * dot(&model.first_moment, q)
-            + 2.0 * self.quadratic_rate * dot(q, &mq_rate)
-            + self.quadratic_acceleration * dot(q, &mq);
+        let NodalBeam {
+            translating_mass,
+            stiffness,
+            damping,
+            first_moment,
+            ..
+        } = &model.nodal;
         let squared = self.rate2 * self.rate2;
-        for (i, value) in value.iter_mut().enumerate() {
-            *value = self.constant[i] - model.damping[i] * q_rate[i] - model.stiffness[i] * q[i]
-                + squared * mq[i]
-                + model.root_slope[i] * root;
-        }
-        for j in 0..n {
-            let root_by_q = self.load * model.first_moment[j]
-                + 2.0 * self.quadratic_rate * mq_rate[j]
-                + 2.0 * self.quadratic_acceleration * mq[j];
-            let root_by_rate = 2.0 * self.quadratic_rate * mq[j];
-            for i in 0..n {
-                by_q[(i, j)] = model.root_slope[i] * root_by_q;
-                by_rate[(i, j)] = model.root_slope[i] * root_by_rate;
-            }
-            by_q[(j, j)] += squared - model.stiffness[j];
-            by_rate[(j, j)] -= model.damping[j];
-        }
-        for (inertia, slope) in end_inertias(model) {
-            for j in 0..n {
-                for i in 0..n {
-                    by_q[(i, j)] -= squared * inertia * slope[i] * slope[j];
-                }
-            }
-        }
-    }
+        by_w.zip_zip_apply(stiffness, translating_mass, |x, k, m| *x = squared * m - k);
+        by_rate.zip_apply(damping, |x, d| *x = -d);
 
-    /// `q''` for `q` and its rate, written to `acceleration`.
-    pub fn acceleration(
-        &self,
-        model: &ArmModel,
-        q: &[f64],
-        q_rate: &[f64],
-        acceleration: &mut [f64],
-    ) {
-        let root = self.load * dot(&model.first_moment, q)
-            + 2.0 * self.quadratic_rate * translating(model, q, q_rate)
-            + self.quadratic_acceleration * translating(model, q, q);
-        let squared = self.rate2 * self.rate2;
-        for (i, value) in acceleration.iter_mut().enumerate() {
-            *value = self.constant[i] - model.damping[i] * q_rate[i]
-                + (squared - model.stiffness[i]) * q[i]
-                + model.root_slope[i] * root;
+        // Symmetric matrices: columns are rows.
+        let row = |matrix: &DMatrix<f64>, i: usize, x: &[f64]| {
+            dot(&matrix.as_slice()[i * x.len()..][..x.len()], x)
+        };
+        // E comes last: so far the matrices are symmetric.
+        for (i, value) in value.iter_mut().enumerate() {
+            *value = self.constant[i] + row(by_w, i, w) + row(by_rate, i, w_rate);
         }
-        for (inertia, slope) in end_inertias(model) {
-            let share = squared * inertia * dot(slope, q);
-            acceleration
-                .iter_mut()
-                .zip(slope)
-                .for_each(|(a, l)| *a -= share * l);
+        let mut root = 0.0;
+        for i in 0..w.len() {
+            let (mass_w, mass_rate) = (
+                row(translating_mass, i, w),
+                row(translating_mass, i, w_rate),
+            );
+            let (by_q, by_v) = (self.quadratic_acceleration, 2.0 * self.quadratic_rate);
+            root += (self.load * first_moment[i] + by_v * mass_rate + by_q * mass_w) * w[i];
+            by_w[(0, i)] += self.load * first_moment[i] + by_v * mass_rate + 2.0 * by_q * mass_w;
+            by_rate[(0, i)] += by_v * mass_w;
         }
-        // (1 - e p')^-1 = 1 + e p' / (1 - p.e)
-        let p = &model.second_moment;
-        let share = dot(p, acceleration) / (1.0 - dot(p, &model.root_slope));
-        acceleration
-            .iter_mut()
-            .zip(&model.root_slope)
-            .for_each(|(a, e)| *a += share * e);
+        value[0] += root;
     }
 }
 
-/// `1 - e p'`, the matrix of `q''` in [`DeflectionEquation`].
+/// `M - E <rho B>`, the matrix of `w''` in [`DeflectionEquation`].
 pub fn eliminated_mass(model: &ArmModel) -> DMatrix<f64> {
-    DMatrix::from_fn(model.dof(), model.dof(), |i, j| {
-        f64::from(u8::from(i == j)) - model.root_slope[i] * model.second_moment[j]
-    })
+    let mut matrix = model.nodal.mass.clone();
+    let mut row = matrix.row_mut(0);
+    row -= model.nodal.second_moment.transpose();
+    matrix
 }
 
 /// Modal coordinates of the arm at rest with the tip pressing with `force` (N,
@@ -417,7 +379,7 @@ pub fn equilibrium(
     }
     let q = stiffness
         .lu()
-        .solve(&DVector::from_vec(equation.constant))?
+        .solve(&model.shapes.tr_mul(&equation.constant))?
         .as_slice()
         .to_vec();
     let zeros = vec![0.0; n];
@@ -701,14 +663,31 @@ mod tests {
             let force = [0.5, 1.5];
             let posture = Posture::new(&model, state.angle());
             let equation = deflection_equation(&model, &joint, &posture, force, false);
-            let mut q_acceleration = vec![0.0; model.dof()];
-            equation.acceleration(&model, state.q(), state.q_rate(), &mut q_acceleration);
+            let n = model.dof();
+            let mut value = vec![0.0; n];
+            let mut unused = [(); 2].map(|()| DMatrix::zeros(n, n));
+            let [by_w, by_rate] = &mut unused;
+            let [w, w_rate] = [state.q(), state.q_rate()].map(|q| model.deflection(q));
+            equation.linearise(
+                &model,
+                w.as_slice(),
+                w_rate.as_slice(),
+                &mut value,
+                by_w,
+                by_rate,
+            );
+            let w_acceleration = eliminated_mass(&model)
+                .lu()
+                .solve(&DVector::from_vec(value))
+                .unwrap();
+            let q_acceleration = &model.coordinates * w_acceleration;
+            let q_acceleration = q_acceleration.as_slice();
             let motion = Motion {
                 joint,
                 posture,
                 q: state.q(),
                 q_rate: state.q_rate(),
-                q_acceleration: &q_acceleration,
+                q_acceleration,
             };
             let [_, tau2] = inverse(&model, &motion, force);
             let scale = q_acceleration.iter().fold(1.0, |m: f64, a| m.max(a.abs()));
@@ -738,18 +717,12 @@ mod tests {
                 equation.linearise(&model, q, v, &mut value, &mut by_q, &mut by_rate);
                 (value, by_q, by_rate)
             };
-            let (value, by_q, by_rate) = evaluate(state.q(), state.q_rate());
-            // The same right-hand side as acceleration() uses.
-            let mut a = vec![0.0; n];
-            equation.acceleration(&model, state.q(), state.q_rate(), &mut a);
-            let product = eliminated_mass(&model) * DVector::from_vec(a);
-            for i in 0..n {
-                assert!((product[i] - value[i]).abs() < 1e-9 * (1.0 + value[i].abs()));
-            }
+            let [w, w_rate] = [state.q(), state.q_rate()].map(|q| model.deflection(q));
+            let (_, by_q, by_rate) = evaluate(w.as_slice(), w_rate.as_slice());
             // Quadratic, so central differences are exact but for rounding.
             for j in 0..n {
                 for (by, rate) in [(&by_q, false), (&by_rate, true)] {
-                    let mut x = [state.q().to_vec(), state.q_rate().to_vec()];
+                    let mut x = [w.as_slice().to_vec(), w_rate.as_slice().to_vec()];
                     x[usize::from(rate)][j] += 0.5;
                     let plus = evaluate(&x[0], &x[1]).0;
                     x[usize::from(rate)][j] -= 1.0;

@@ -1,10 +1,11 @@
 //! The elastic arm as numbers: rigid-body constants and link 2's finite-element
 //! beam in modal coordinates, for any number of elements chosen at run time.
 //!
-//! Planning and simulation both work on modal coordinates `q` (deflection vector
+//! Simulation and inverse dynamics work on modal coordinates `q` (deflection vector
 //! `w = shapes q`, unit modal mass), where mass, stiffness and damping are diagonal:
 //! the same finite-element model, an order of magnitude cheaper to evaluate. The
-//! matrices come from [`shared::beam`], the only place where they are assembled.
+//! planner's boundary-value problem is solved for the nodal `w`, because it is ill
+//! conditioned in modal coordinates. The matrices come from [`shared::beam`], the only place where they are assembled.
 //!
 //! Glossary: *participation* is a mode's share in a quantity, e.g. its slope at the
 //! root; *chord* is the line from joint 2 to the tip.
@@ -44,6 +45,8 @@ pub struct ArmModel {
     pub shapes: DMatrix<f64>,
     /// `q = coordinates w`, the inverse of `shapes`.
     pub coordinates: DMatrix<f64>,
+    /// The same beam in nodal coordinates `w`.
+    pub nodal: NodalBeam,
     /// Geometric stiffness, in modal coordinates, for a tip tension of 1 N.
     pub geometric_tip: DMatrix<f64>,
     /// Geometric stiffness per unit of axial specific force, 1 m/s^2 towards the tip.
@@ -62,13 +65,30 @@ pub struct ArmModel {
     pub link2_inertia: f64,
 }
 
+/// Link 2's matrices for nodal deflections and slopes `w` (m, rad), the first of which
+/// is the slope at the root; `dof` rows and columns, SI. [`shared::beam::Beam`] tells what
+/// they are.
+#[derive(Clone, Debug)]
+pub struct NodalBeam {
+    /// `<B'B>` with root and tip inertia.
+    pub mass: DMatrix<f64>,
+    /// `<B'B>` without them.
+    pub translating_mass: DMatrix<f64>,
+    /// Bending stiffness.
+    pub stiffness: DMatrix<f64>,
+    /// Modal damping.
+    pub damping: DMatrix<f64>,
+    /// `<B>`.
+    pub first_moment: DVector<f64>,
+    /// `<rho B>`, with root and tip inertia.
+    pub second_moment: DVector<f64>,
+}
+
 /// What [`ArmModel`] needs of a beam, whatever its number of elements.
 struct AnyBeam {
     shapes: DMatrix<f64>,
-    mass: DMatrix<f64>,
     angular_frequency: DVector<f64>,
-    first_moment: DVector<f64>,
-    second_moment: DVector<f64>,
+    nodal: NodalBeam,
     /// Geometric stiffness for an axial force of 1, rho/r2 and (rho/r2)^2 newtons.
     geometric: [DMatrix<f64>; 3],
 }
@@ -92,7 +112,7 @@ macro_rules! with_dof {
 }
 
 impl AnyBeam {
-    fn new(parameters: BeamParameters<f64>, elements: usize) -> Option<Self> {
+    fn new(parameters: BeamParameters<f64>, damping_ratio: f64, elements: usize) -> Option<Self> {
         with_dof!(elements, DOF => {
             let beam = Beam::<f64, DOF>::new(parameters);
             let modes = beam.modes()?;
@@ -100,10 +120,15 @@ impl AnyBeam {
             let vector = |v: &[f64]| DVector::from_column_slice(v);
             Self {
                 shapes: matrix(modes.shape.as_slice()),
-                mass: matrix(beam.mass.as_slice()),
                 angular_frequency: vector(modes.angular_frequency.as_slice()),
-                first_moment: vector(beam.first_moment.as_slice()),
-                second_moment: vector(beam.second_moment.as_slice()),
+                nodal: NodalBeam {
+                    mass: matrix(beam.mass.as_slice()),
+                    translating_mass: matrix(beam.translating_mass.as_slice()),
+                    stiffness: matrix(beam.stiffness.as_slice()),
+                    damping: matrix(beam.damping(&modes, damping_ratio).as_slice()),
+                    first_moment: vector(beam.first_moment.as_slice()),
+                    second_moment: vector(beam.second_moment.as_slice()),
+                },
                 geometric: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
                     .map(|force| matrix(beam.geometric_stiffness(force).as_slice())),
             }
@@ -141,7 +166,8 @@ impl ArmModel {
     /// [`ModelError`] for another number, or data without a positive definite mass
     /// matrix.
     pub fn new(arm: &ArmParameters, elements: usize) -> Result<Self, ModelError> {
-        let beam = AnyBeam::new(beam_parameters(arm), elements).ok_or(ModelError { elements })?;
+        let beam = AnyBeam::new(beam_parameters(arm), arm.damping_ratio, elements)
+            .ok_or(ModelError { elements })?;
         let modal = |v: &DVector<f64>| beam.shapes.tr_mul(v).as_slice().to_vec();
         let row = |i: usize| beam.shapes.row(i).iter().copied().collect::<Vec<_>>();
         let dof = 2 * elements;
@@ -168,8 +194,8 @@ impl ArmModel {
             angular_frequency,
             root_slope: row(0),
             tip_slope: row(dof - 1),
-            first_moment: modal(&beam.first_moment),
-            second_moment: modal(&beam.second_moment),
+            first_moment: modal(&beam.nodal.first_moment),
+            second_moment: modal(&beam.nodal.second_moment),
             geometric_tip: geometric([1.0, 0.0, 0.0]),
             geometric_axial: geometric([tip_mass + mass, -mass, 0.0]),
             geometric_centrifugal: geometric([
@@ -177,8 +203,9 @@ impl ArmModel {
                 0.0,
                 -0.5 * mass * length,
             ]),
-            coordinates: beam.shapes.tr_mul(&beam.mass),
+            coordinates: beam.shapes.tr_mul(&beam.nodal.mass),
             shapes: beam.shapes,
+            nodal: beam.nodal,
             link1_inertia: arm.link1_mass_kg * arm.link1_length_m.powi(2) / 3.0,
             joint1_moment: (0.5 * arm.link1_mass_kg + mass + tip_mass) * arm.link1_length_m,
             link2_mass: mass + tip_mass,

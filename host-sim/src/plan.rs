@@ -315,10 +315,12 @@ impl collocation::Problem for Deflection<'_> {
             .linearise(self.model, q, rate, value, by_q, by_rate);
     }
 
-    fn size(&self, q: &[f64], acceleration: &[f64]) -> f64 {
-        let deflection = largest_deflection(self.model, q) / self.tolerance[0];
-        // How the accelerations enter tau2.
-        let torque = dot(&self.model.second_moment, acceleration).abs() / self.tolerance[1];
+    fn size(&self, w: &[f64], acceleration: &[f64]) -> f64 {
+        let deflection = largest(w) / self.tolerance[0];
+        // How the accelerations enter the torques, tau2 and tau1 - tau2.
+        let joint2 = dot(self.model.nodal.second_moment.as_slice(), acceleration).abs();
+        let joint1 = dot(self.model.nodal.first_moment.as_slice(), acceleration).abs();
+        let torque = (joint2 + self.model.arm.link1_length_m * joint1) / self.tolerance[1];
         // Not max(), which passes NaN over.
         if torque <= deflection {
             deflection
@@ -332,11 +334,10 @@ impl collocation::Problem for Deflection<'_> {
     }
 }
 
-/// Largest nodal deflection or slope, m or rad, of modal coordinates; NaN if any is.
-fn largest_deflection(model: &ArmModel, q: &[f64]) -> f64 {
-    let deflections = model.deflection(q);
+/// Largest nodal deflection or slope, m or rad; NaN if any is.
+fn largest(w: &[f64]) -> f64 {
     let larger = |m: f64, w: &f64| if w.abs() <= m { m } else { w.abs() };
-    deflections.iter().fold(0.0, larger)
+    w.iter().fold(0.0, larger)
 }
 
 /// Unit normal of the surface along `task`'s path, into which the tip presses.
@@ -459,7 +460,8 @@ impl Task {
     }
 }
 
-/// Tolerated error of tau2 for one of the deflection, N m/rad: with 1e-7 rad, 5e-7 N m.
+/// Tolerated error of the torques for one of the deflection, N m/rad: with 1e-7 rad, 5e-7 N m
+/// by an estimate that is some 10 times too large.
 const TORQUE_PER_DEFLECTION: f64 = 5.0;
 
 /// How to plan.
@@ -555,30 +557,24 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
     ];
 
     let rest = |angle, end| {
-        dynamics::equilibrium(&model, angle, force, false)
-            .map(|(q, _)| q)
-            .filter(|q| q.iter().all(|x| x.is_finite()))
+        let at_rest = match equations {
+            Equations::Exact => dynamics::equilibrium(&model, angle, force, false)
+                .map(|(q, _)| model.deflection(&q)),
+            Equations::AsPrinted => {
+                let joint = JointMotion {
+                    angle,
+                    ..JointMotion::default()
+                };
+                let posture = Posture::new(&model, angle);
+                let equation = dynamics::deflection_equation(&model, &joint, &posture, force, true);
+                model.nodal.stiffness.clone().lu().solve(&equation.constant)
+            }
+        };
+        at_rest
+            .filter(|w| w.iter().all(|x| x.is_finite()))
             .ok_or(PlanError::Buckled { end })
     };
-    let ends = match equations {
-        Equations::Exact => [rest(start, false)?, rest(end, true)?],
-        // Eq. 14 at rest has no coupling between the modes' stiffness.
-        Equations::AsPrinted => [start, end].map(|angle| {
-            let joint = JointMotion {
-                angle,
-                ..JointMotion::default()
-            };
-            let posture = Posture::new(&model, angle);
-            let equation = dynamics::deflection_equation(&model, &joint, &posture, force, true);
-            let stiffness = &model.stiffness;
-            equation
-                .constant
-                .iter()
-                .zip(stiffness)
-                .map(|(r, k)| r / k)
-                .collect()
-        }),
-    };
+    let (rest_start, rest_end) = (rest(start, false)?, rest(end, true)?);
     let zeros = zeros_of(&model, start, force);
     let growing = zeros.iter().filter(|zero| zero.re > 0.0).count();
     if 2 * growing != zeros.len() {
@@ -588,9 +584,10 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
             tip_inertia_kgm2: arm.tip_inertia_kgm2,
         });
     }
-    let fastest = zeros.iter().map(|zero| zero.re.abs()).fold(1.0, f64::max);
-    // Layers thinner than a control period cannot reach the arm: torques are held so long.
-    let resolution = (0.5 / fastest).max(1.0 / rate);
+    let fastest = zeros
+        .iter()
+        .map(|zero| zero.re.hypot(zero.im))
+        .fold(1.0, f64::max);
     let problem = Deflection {
         model: &model,
         path: &path,
@@ -598,10 +595,11 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
         as_printed: equations == Equations::AsPrinted,
         mass: dynamics::eliminated_mass(&model),
         tolerance: [options.tolerance, TORQUE_PER_DEFLECTION * options.tolerance],
-        resolution,
+        resolution: 0.1 / fastest,
     };
-    let mesh = first_mesh(span, path.duration, resolution);
-    let solution = collocation::solve(&problem, mesh, [&ends[0], &ends[1]])?;
+    let mesh = first_mesh(span, path.duration, problem.resolution);
+    let solution =
+        collocation::solve(&problem, mesh, [rest_start.as_slice(), rest_end.as_slice()])?;
 
     let mut plan = Plan {
         turn: Turn::of(&path),
@@ -614,8 +612,8 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
         points: Vec::with_capacity(ticks as usize + 1),
         deflection: Vec::with_capacity((ticks as usize + 1) * model.dof()),
         peaks: Peaks::default(),
+        solution: solution.transformed(&model.coordinates),
         model,
-        solution,
     };
     let estimate = plan.error_estimate();
     if !(estimate <= 1e-2) {
@@ -627,7 +625,7 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
 
 /// A first mesh that refinement has little to add to: evenly spaced for the motion and
 /// for the rests before and after it, and towards the ends of each of these ever
-/// denser, down to twice the `resolution`, s, as there may be layers. Layers must be seen from the start: once spread over a coarse mesh,
+/// denser, down to ten times the `resolution`, s, as there may be layers. Layers must be seen from the start: once spread over a coarse mesh,
 /// they make all of it look inaccurate.
 fn first_mesh(span: [f64; 2], duration: f64, resolution: f64) -> Vec<f64> {
     /// On the paper's task this leaves an error of 1e-9 between the ends.
@@ -649,7 +647,7 @@ fn first_mesh(span: [f64; 2], duration: f64, resolution: f64) -> Vec<f64> {
             REST_INTERVALS
         };
         let step = (piece[1] - piece[0]) / count as f64;
-        let finest = 2.0 * resolution;
+        let finest = 10.0 * resolution;
         let shares = (1..)
             .map(|k| RATIO.powi(-k))
             .take_while(|share| share * step > finest);
@@ -667,7 +665,7 @@ impl Plan {
     /// Estimated largest error of the deflection, rad and m.
     pub fn error_estimate(&self) -> f64 {
         self.solution
-            .error_estimate(|q| largest_deflection(&self.model, q))
+            .error_estimate(|q| largest(self.model.deflection(q).as_slice()))
     }
 
     /// Intervals of the boundary-value problem's mesh, and Newton iterations spent.

@@ -14,10 +14,7 @@
 //! `<...>` is the integral over link 2's mass; `B` is the row of shape functions,
 //! `w(rho) = B(rho) w`.
 
-use nalgebra::{
-    Cholesky, Const, DefaultAllocator, DimDiff, DimSub, RealField, SMatrix, SVector,
-    SymmetricEigen, U1, allocator::Allocator,
-};
+use nalgebra::{Cholesky, RealField, SMatrix, SVector};
 
 /// What a beam is made of. All f64, SI.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -229,16 +226,16 @@ impl<T: RealField + Copy, const DOF: usize> Beam<T, DOF> {
 
     /// Natural modes: `K shape = M shape omega^2`.
     ///
+    /// By Jacobi's method, which gives the soft modes their own relative accuracy.
+    /// (Tridiagonalisation gives all modes the error of the stiffest: with 12 elements
+    /// 1e-11 instead of 1e-14 in the first, and 3e-9 in what decides how the link
+    /// follows a prescribed tip, `1 - <rho B> shape shape' E` = 2e-5.)
+    ///
     /// `None` if the mass matrix is not positive definite (parameters out of range).
-    pub fn modes(&self) -> Option<Modes<T, DOF>>
-    where
-        Const<DOF>: DimSub<U1>,
-        DefaultAllocator: Allocator<DimDiff<Const<DOF>, U1>>,
-    {
-        // The bounds above confuse type inference, so the body does only this.
+    pub fn modes(&self) -> Option<Modes<T, DOF>> {
         let (lower, reduced) = self.reduced_stiffness()?;
-        let eigen = SymmetricEigen::<T, Const<DOF>>::new(reduced);
-        Self::modes_of(&lower, &eigen.eigenvalues, &eigen.eigenvectors)
+        let (eigenvalues, eigenvectors) = jacobi(reduced);
+        Self::modes_of(&lower, &eigenvalues, &eigenvectors)
     }
 
     /// Cholesky factor L of the mass matrix and `L^-1 K L^-T`, whose eigenvalues are
@@ -291,6 +288,54 @@ impl<T: RealField + Copy, const DOF: usize> Beam<T, DOF> {
         let rates = SMatrix::from_diagonal(&(modes.angular_frequency * (two * ratio)));
         momentum * rates * momentum.transpose()
     }
+}
+
+/// Eigenvalues and, as columns, eigenvectors of a symmetric positive definite matrix by
+/// cyclic Jacobi rotations.
+fn jacobi<T: RealField + Copy, const N: usize>(
+    mut a: SMatrix<T, N, N>,
+) -> (SVector<T, N>, SMatrix<T, N, N>) {
+    /// Convergence is quadratic: 32 unknowns take 8 sweeps.
+    const SWEEPS_MAX: usize = 30;
+    let mut vectors = SMatrix::<T, N, N>::identity();
+    for _ in 0..SWEEPS_MAX {
+        let mut rotated = false;
+        for p in 0..N {
+            for q in p + 1..N {
+                let coupling = a[(p, q)];
+                let scale = (a[(p, p)].abs() * a[(q, q)].abs()).sqrt();
+                if coupling.abs() <= scale * T::default_epsilon() {
+                    continue;
+                }
+                rotated = true;
+                let ratio = (a[(q, q)] - a[(p, p)]) / (coupling + coupling);
+                let length = ratio.abs() + (ratio * ratio + T::one()).sqrt();
+                let tangent = T::one().copysign(ratio) / length;
+                let cosine = T::one() / (tangent * tangent + T::one()).sqrt();
+                let sine = tangent * cosine;
+                for k in 0..N {
+                    let (x, y) = (a[(k, p)], a[(k, q)]);
+                    a[(k, p)] = cosine * x - sine * y;
+                    a[(k, q)] = sine * x + cosine * y;
+                }
+                for k in 0..N {
+                    let (x, y) = (a[(p, k)], a[(q, k)]);
+                    a[(p, k)] = cosine * x - sine * y;
+                    a[(q, k)] = sine * x + cosine * y;
+                    let (x, y) = (vectors[(k, p)], vectors[(k, q)]);
+                    vectors[(k, p)] = cosine * x - sine * y;
+                    vectors[(k, q)] = sine * x + cosine * y;
+                }
+                // Zero but for rounding, which must not be rotated again.
+                a[(p, q)] = T::zero();
+                a[(q, p)] = T::zero();
+            }
+        }
+        if !rotated {
+            break;
+        }
+    }
+    (a.diagonal(), vectors)
 }
 
 #[cfg(test)]

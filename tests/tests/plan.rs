@@ -11,13 +11,23 @@ use tests::{Reference, fast_task, paper_arm, paper_task};
 /// Compares a plan with a reference file: angles and deflections to 2e-6, torques to
 /// 5e-6 N m.
 fn assert_equals_reference(file: &str, arm: &ArmParameters, task: &Task) {
-    let plan = plan(arm, task, &PlanOptions::default()).unwrap();
+    assert_equals(file, arm, task, 3, [2e-6, 5e-6, 5e-6]);
+}
+
+/// The same with the given number of elements and bounds for angles and deflections,
+/// slope rate (rad/s) and torques (N m).
+fn assert_equals(file: &str, arm: &ArmParameters, task: &Task, elements: usize, bounds: [f64; 3]) {
+    let options = PlanOptions {
+        elements,
+        ..PlanOptions::default()
+    };
+    let plan = plan(arm, task, &options).unwrap();
     let reference = Reference::read(file);
     let column = |name| reference.column(name);
     let (theta10, tau1) = (column("theta10_rad"), column("tau1_Nm"));
     let (w0, rate) = (column("w0"), column("root_slope_rate_rad_s"));
     let mut sampler = plan.sampler();
-    assert!(reference.rows.len() > 100);
+    assert!(reference.rows.len() > 40);
     for row in &reference.rows {
         let t = row[0];
         let point = sampler.at(t);
@@ -30,13 +40,13 @@ fn assert_equals_reference(file: &str, arm: &ArmParameters, task: &Task) {
             );
         };
         for joint in 0..2 {
-            near(point.joint.angle[joint], theta10 + joint, 2e-6);
-            near(point.torque[joint], tau1 + joint, 5e-6);
+            near(point.joint.angle[joint], theta10 + joint, bounds[0]);
+            near(point.torque[joint], tau1 + joint, bounds[2]);
         }
-        for i in 0..6 {
-            near(w[i], w0 + i, 2e-6);
+        for i in 0..2 * elements {
+            near(w[i], w0 + i, bounds[0]);
         }
-        near(point.root_slope_rate, rate, 5e-6);
+        near(point.root_slope_rate, rate, bounds[1]);
     }
 }
 
@@ -57,6 +67,45 @@ fn the_papers_task_elbow_up() {
 #[test]
 fn the_fast_task_with_pre_actuation() {
     assert_equals_reference("plan_fast_tf0.4_pre0.3.csv", &paper_arm(), &fast_task(0.3));
+}
+
+/// Solutions with 64-bit mantissas, by another program, in steps of a third of those
+/// that changed nothing any more. Thin layers at the ends included: with 12 elements tau1
+/// swings through 24 N m within the last 0.1 ms.
+#[test]
+fn other_numbers_of_elements_and_tasks() {
+    let tight = [1e-9, 1e-6, 1e-6];
+    let fast = Task {
+        post_actuation: Window::Fixed(0.0),
+        ..fast_task(0.3)
+    };
+    let mut short = paper_task();
+    short.path.duration = 1.0;
+    let weightless = ArmParameters {
+        gravity_m_s2: [0.0, 0.0],
+        ..paper_arm()
+    };
+    let up = ArmParameters {
+        elbow: Elbow::Up,
+        ..paper_arm()
+    };
+    assert_equals(
+        "plan_2_elements_no_gravity.csv",
+        &weightless,
+        &short,
+        2,
+        tight,
+    );
+    assert_equals("plan_5_elements_elbow_up.csv", &up, &paper_task(), 5, tight);
+    assert_equals("plan_8_elements_fast.csv", &paper_arm(), &fast, 8, tight);
+    let loose = [1e-9, 1e-5, 1.5e-5];
+    assert_equals(
+        "plan_12_elements.csv",
+        &paper_arm(),
+        &paper_task(),
+        12,
+        loose,
+    );
 }
 
 /// Drives a plant of the plan's own model with the plan's torques, continuously, from
@@ -102,7 +151,7 @@ fn the_plant_follows_the_plan_of_every_number_of_elements() {
         },
     ];
     for (i, arm) in arms.iter().enumerate() {
-        for elements in [1, 2, 3, 5, 8] {
+        for elements in [1, 2, 3, 5, 8, 12] {
             let mut task = fast_task(0.3);
             task.path.duration = 0.5;
             let options = PlanOptions {
@@ -112,10 +161,12 @@ fn the_plant_follows_the_plan_of_every_number_of_elements() {
             let plan = plan(arm, &task, &options)
                 .unwrap_or_else(|error| panic!("arm {i}, {elements} elements: {error}"));
             let [force, tip] = replay(&plan);
-            // Eight elements have layers at the plan's ends that are thinner than a tick.
-            let bound = if elements < 8 { 1e-4 } else { 5e-3 };
+            // With root inertia and 12 elements what is left of the tip's motion in its
+            // equation, 1 - <rho B> M^-1 E, is 9e-8: rounding is seen in the torque.
+            let ill = elements == 12 && arm.root_inertia_kgm2 > 0.0;
+            let bound = if ill { 3e-2 } else { 2e-5 };
             assert!(
-                force < bound && tip < 1e-6,
+                force < bound && tip < bound,
                 "arm {i}, {elements} elements: force off by {force:e} N, tip by {tip:e} m"
             );
         }
@@ -125,7 +176,7 @@ fn the_plant_follows_the_plan_of_every_number_of_elements() {
 #[test]
 fn the_error_estimate_covers_the_error() {
     for task in [paper_task(), fast_task(0.0), fast_task(0.3)] {
-        for elements in [2, 3, 5] {
+        for elements in [2, 3, 5, 8] {
             let options = PlanOptions {
                 elements,
                 ..PlanOptions::default()
@@ -159,7 +210,7 @@ fn the_torques_satisfy_all_equations() {
         let point = sampler.at(-0.3 + 0.005 * f64::from(i));
         // The equation is collocated; between the points its rows, some 100 1/s^2 in size,
         // are met to the accuracy of the second derivative.
-        assert!(sampler.residual(&point).amax() < 1e-3);
+        assert!(sampler.residual(&point).amax() < 1e-4);
     }
 }
 
@@ -303,7 +354,7 @@ proptest! {
     #[test]
     fn any_task_is_planned_right_or_refused(
         r1 in 0.2..1.0_f64, r2 in 0.2..1.0_f64, m1 in 0.5..20.0_f64, m2 in 0.05..1.0_f64,
-        slenderness in 0.5..4.0_f64, damping in 0.0..0.2_f64, up: bool, elements in 1..7_usize,
+        slenderness in 0.5..4.0_f64, damping in 0.0..0.2_f64, up: bool, gravity: bool, elements in 1..7_usize,
         from in (-0.9..0.9_f64, -0.9..0.9_f64), way in (-0.4..0.4_f64, -0.4..0.4_f64),
         duration in 0.5..3.0_f64, force in 0.0..3.0_f64,
     ) {
@@ -315,8 +366,7 @@ proptest! {
             // Stiff enough not to sag by more than some 0.3 rad under itself and the force.
             bending_stiffness_nm2: slenderness * (m2 * 9.81 + force) * r2 * r2,
             damping_ratio: damping,
-            // Under gravity some postures fall over, and errors grow with them.
-            gravity_m_s2: [0.0, 0.0],
+            gravity_m_s2: [0.0, if gravity { 9.81 } else { 0.0 }],
             elbow: if up { Elbow::Up } else { Elbow::Down },
             ..paper_arm()
         };
@@ -340,8 +390,8 @@ proptest! {
             Ok(plan) => {
                 let [force_error, tip] = replay(&plan);
                 let scale = 1.0 + plan.peaks.torque[0];
-                prop_assert!(force_error < 1e-3 * scale, "{force_error:e} N");
-                prop_assert!(tip < 1e-4, "{tip:e} m");
+                prop_assert!(force_error < 1e-4 * scale, "{force_error:e} N");
+                prop_assert!(tip < 1e-5, "{tip:e} m");
             }
         }
     }
