@@ -33,6 +33,7 @@ pub mod pil;
 pub mod plan;
 pub mod plant;
 pub mod report;
+pub mod stability;
 #[cfg(test)]
 mod testing;
 pub mod trajectory;
