@@ -18,7 +18,7 @@ const TEMPLATE: &str = include_str!("report.html");
 /// The template of the page on gains.
 const GAINS_TEMPLATE: &str = include_str!("gains.html");
 
-/// What both pages look like; not escaped, as its name does not end in `.html`.
+/// What both pages look like.
 const STYLE: &str = include_str!("style.css");
 
 /// Most frames of a case in the player.
@@ -225,6 +225,7 @@ fn page(title: &str, cases: &[Case], notes: &[(String, String)]) -> Result<Strin
 
     let values = context! {
         title,
+        style => Value::from_safe_string(STYLE.into()),
         rows,
         notes,
         figures,
@@ -256,8 +257,7 @@ fn render(template: &str, values: &Value) -> Result<String, PageError> {
     let mut environment = Environment::new();
     // A name's ending turns escaping on.
     environment
-        .add_template("style.css", STYLE)
-        .and_then(|()| environment.add_template("page.html", template))
+        .add_template("page.html", template)
         .and_then(|()| environment.get_template("page.html")?.render(values))
         .map_err(|error| PageError::Other(error.to_string()))
 }
@@ -306,6 +306,7 @@ pub fn write_gains(dir: &Path, content: &GainsPage<'_>) -> Result<(), ReportErro
         .collect();
     let values = context! {
         title => content.title,
+        style => Value::from_safe_string(STYLE.into()),
         warnings => content.warnings,
         rows,
         figures => embedded(figures),

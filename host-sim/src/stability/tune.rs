@@ -71,12 +71,23 @@ pub struct Tuned {
     pub law: LawParameters,
     /// Its cost.
     pub cost: f64,
-    /// Predicted force errors of the corner plants.
-    pub predictions: Vec<(String, Predicted)>,
+    /// Predicted errors of the plants that the cost counts.
+    pub predictions: Vec<PlantPrediction>,
     /// Stability with them.
     pub report: Report,
     /// Laws that were tried.
     pub tried: u64,
+}
+
+/// What is predicted for a plant with the gains found, and without feedback.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlantPrediction {
+    /// What the plant is.
+    pub name: String,
+    /// With the gains.
+    pub tuned: Predicted,
+    /// Without feedback.
+    pub open: Predicted,
 }
 
 /// Errors predicted for a plant: from its own equilibrium, and from the plan's first
@@ -531,7 +542,11 @@ pub fn tune(
         predictions: search
             .predictions
             .iter()
-            .map(|p| (p.name.clone(), p.errors(plan, &law)))
+            .map(|p| PlantPrediction {
+                name: p.name.clone(),
+                tuned: p.errors(plan, &law),
+                open: p.open,
+            })
             .collect(),
         law,
         report,
