@@ -897,9 +897,18 @@ mod tests {
     #[test]
     fn a_spread_names_what_is_wrong_with_it() {
         for (text, words) in [
-            ("bending_stiffness_scale = []", "bending_stiffness_scale = []; accepted"),
-            ("link2_mass_scale = [1.0, -1.0]", "link2_mass_scale[1] = -1; accepted"),
-            ("tick_rate_Hz = [1]", "tick_rate_Hz[0] = 1; accepted: control rates in Hz"),
+            (
+                "bending_stiffness_scale = []",
+                "bending_stiffness_scale = []; accepted",
+            ),
+            (
+                "link2_mass_scale = [1.0, -1.0]",
+                "link2_mass_scale[1] = -1; accepted",
+            ),
+            (
+                "tick_rate_Hz = [1]",
+                "tick_rate_Hz[0] = 1; accepted: control rates in Hz",
+            ),
             ("elements = [17]", "elements[0] = 17; accepted"),
             ("stiffness = [1.0]", "unknown field `stiffness`"),
         ] {

@@ -259,7 +259,11 @@ fn worst_variant(setting: &Setting, report: &Report) -> Result<Variant, Stabilit
 }
 
 /// What to say about the gains.
-fn warnings(setting: &Setting, law: &LawParameters, report: &Report) -> Result<Vec<String>, StabilityError> {
+fn warnings(
+    setting: &Setting,
+    law: &LawParameters,
+    report: &Report,
+) -> Result<Vec<String>, StabilityError> {
     let plan = &setting.planned.plan;
     let times: Vec<f64> = report.points.iter().map(|p| p.t).collect();
     // The plant in the middle first: where it is unstable, the rest follows.
@@ -353,9 +357,8 @@ fn report_facts(report: &Report, tick_rate_hz: u32) -> Vec<(String, String)> {
         ),
     ];
     if !report.spread.is_empty() {
-        let least = |f: &dyn Fn(&Summary) -> f64| {
-            report.spread.iter().map(f).fold(f64::INFINITY, f64::min)
-        };
+        let least =
+            |f: &dyn Fn(&Summary) -> f64| report.spread.iter().map(f).fold(f64::INFINITY, f64::min);
         let unstable = report.spread.iter().filter(|s| !s.stable).count();
         facts.push((
             format!("{} plants around it", report.spread.len()),
@@ -446,7 +449,11 @@ fn examine(args: &ExamineArgs) -> Result<(), CliError> {
     };
     print(format_args!("\n{label} at t = {} s, 1/s:", args.at))?;
     for pole in poles.iter().filter(|p| p.im >= 0.0) {
-        let pair = if pole.im == 0.0 { String::new() } else { format!(" +- {:.3}j", pole.im) };
+        let pair = if pole.im == 0.0 {
+            String::new()
+        } else {
+            format!(" +- {:.3}j", pole.im)
+        };
         print(format_args!("  {:.3}{pair}", pole.re))?;
     }
     print(format_args!(
@@ -457,7 +464,9 @@ fn examine(args: &ExamineArgs) -> Result<(), CliError> {
 
 /// `law` as a `controller.toml` that says how it was found.
 fn controller_toml(law: &LawParameters, how: &[String]) -> String {
-    let mut text = String::from("# Gains of eq. 18-20, found by `host-sim gains tune`; docs/gains.md says how.\n");
+    let mut text = String::from(
+        "# Gains of eq. 18-20, found by `host-sim gains tune`; docs/gains.md says how.\n",
+    );
     for line in how {
         text += &format!("# {line}\n");
     }
@@ -467,10 +476,22 @@ fn controller_toml(law: &LawParameters, how: &[String]) -> String {
         text += &format!("{assignment:<42}# {comment}\n");
     };
     let l = law;
-    put(format!("\nK_DF_s = {}", number(l.force_derivative_s)), "on the force error's derivative");
-    put(format!("K_PF = {}", number(l.force_proportional)), "on the force error");
-    put(format!("K_IF_per_s = {}", number(l.force_integral_per_s)), "on its integral");
-    put(format!("K_w_Nms_rad = {}", number(l.slope_rate_nms_rad)), "on the root slope rate");
+    put(
+        format!("\nK_DF_s = {}", number(l.force_derivative_s)),
+        "on the force error's derivative",
+    );
+    put(
+        format!("K_PF = {}", number(l.force_proportional)),
+        "on the force error",
+    );
+    put(
+        format!("K_IF_per_s = {}", number(l.force_integral_per_s)),
+        "on its integral",
+    );
+    put(
+        format!("K_w_Nms_rad = {}", number(l.slope_rate_nms_rad)),
+        "on the root slope rate",
+    );
     let acts = l.force_derivative_s != 0.0 || l.force_proportional != 0.0;
     match l.force_filter_hz {
         Some(hz) if acts => put(
@@ -525,8 +546,16 @@ fn tune_command(args: &TuneArgs) -> Result<(), CliError> {
             Err(CliError::Margin { what, value, most })
         }
     };
-    positive("--gain-margin-dB", args.gain_margin_db, path::GAIN_MARGIN_MAX_DB - 1.0)?;
-    positive("--delay-margin-ticks", args.delay_margin_ticks, path::DELAY_MARGIN_MAX_TICKS - 1.0)?;
+    positive(
+        "--gain-margin-dB",
+        args.gain_margin_db,
+        path::GAIN_MARGIN_MAX_DB - 1.0,
+    )?;
+    positive(
+        "--delay-margin-ticks",
+        args.delay_margin_ticks,
+        path::DELAY_MARGIN_MAX_TICKS - 1.0,
+    )?;
     let options = TuneOptions {
         law: setting.law,
         plant: setting.plant,
@@ -540,7 +569,8 @@ fn tune_command(args: &TuneArgs) -> Result<(), CliError> {
     };
     let since = Instant::now();
     let progress = ProgressBar::new(tune::effort(&options));
-    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} laws tried, {eta} to go") {
+    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} laws tried, {eta} to go")
+    {
         progress.set_style(style);
     }
     let tuned = tune::tune(plan, &options, &|tried| progress.set_position(tried));
@@ -554,7 +584,10 @@ fn tune_command(args: &TuneArgs) -> Result<(), CliError> {
     facts.extend(report_facts(report, plan.tick_rate_hz));
     facts.push((
         "predicted force error".into(),
-        format!("{:.3} of that without feedback (root mean square over the plants)", tuned.cost),
+        format!(
+            "{:.3} of that without feedback (root mean square over the plants)",
+            tuned.cost
+        ),
     ));
     for prediction in &tuned.predictions {
         facts.push((
@@ -570,7 +603,12 @@ fn tune_command(args: &TuneArgs) -> Result<(), CliError> {
     }
     facts.push((
         "tuned in".into(),
-        format!("{:.1} s, {} laws tried, seed {}", wall_ms / 1e3, tuned.tried, args.seed),
+        format!(
+            "{:.1} s, {} laws tried, seed {}",
+            wall_ms / 1e3,
+            tuned.tried,
+            args.seed
+        ),
     ));
     let output = Output::new(&args.out)?;
     let how = [
@@ -582,8 +620,16 @@ fn tune_command(args: &TuneArgs) -> Result<(), CliError> {
             "{:.3} of that without feedback; over {} plants at least {:.1} dB and {:.2} ticks to spare.",
             tuned.cost,
             report.spread.len(),
-            report.spread.iter().map(|s| s.gain_margin_db).fold(report.nominal.gain_margin_db, f64::min),
-            report.spread.iter().map(|s| s.delay_margin_ticks).fold(report.nominal.delay_margin_ticks, f64::min),
+            report
+                .spread
+                .iter()
+                .map(|s| s.gain_margin_db)
+                .fold(report.nominal.gain_margin_db, f64::min),
+            report
+                .spread
+                .iter()
+                .map(|s| s.delay_margin_ticks)
+                .fold(report.nominal.delay_margin_ticks, f64::min),
         ),
     ];
     let file = controller_toml(law, &how);
@@ -646,7 +692,10 @@ mod tests {
         };
         let text = controller_toml(&idle, &[]);
         let read = config::parse_controller("c", &text).unwrap();
-        let expected = LawParameters { force_filter_hz: None, ..idle };
+        let expected = LawParameters {
+            force_filter_hz: None,
+            ..idle
+        };
         assert_eq!(read, expected, "{text}");
     }
 }

@@ -268,8 +268,12 @@ impl Linear {
             } else {
                 torque[column - size] = Dual::new(torque[column - size].value(), 1.0);
             }
-            let output = derivative(variant, point, &y, torque, &mut rate)
-                .map_err(|source| StabilityError::Posture { t_s: point.t, source })?;
+            let output = derivative(variant, point, &y, torque, &mut rate).map_err(|source| {
+                StabilityError::Posture {
+                    t_s: point.t,
+                    source,
+                }
+            })?;
             let (state, feed, column) = if column < size {
                 y[column] = Dual::new(y[column].value(), 0.0);
                 (&mut result.a, &mut result.c, column)
@@ -336,8 +340,6 @@ impl Linear {
 pub(super) fn sort(poles: &mut [Complex<f64>]) {
     poles.sort_by(|a, b| {
         let key = |p: &Complex<f64>| (p.norm() * 1e9).round();
-        key(a)
-            .total_cmp(&key(b))
-            .then(b.im.total_cmp(&a.im))
+        key(a).total_cmp(&key(b)).then(b.im.total_cmp(&a.im))
     });
 }

@@ -101,7 +101,11 @@ pub fn map(
     let contact = spots.first().map_or(1.0, Spot::contact_frequency);
     let values = [0, 1].map(|axis| {
         let own = gains[axis].of(law);
-        let middle = if own > 0.0 { own } else { gains[axis].usual(plan, contact) };
+        let middle = if own > 0.0 {
+            own
+        } else {
+            gains[axis].usual(plan, contact)
+        };
         (0..CELLS[axis])
             .map(|i| {
                 let share = (i as f64 + 0.5) / CELLS[axis] as f64 - 0.5;

@@ -94,7 +94,12 @@ pub enum StabilityError {
 /// [`StabilityError::Gain`].
 pub fn check(law: &LawParameters) -> Result<(), StabilityError> {
     let gains = [
-        ("K_DF_s", law.force_derivative_s, 1e3, "a gain in s from 0 to 1000"),
+        (
+            "K_DF_s",
+            law.force_derivative_s,
+            1e3,
+            "a gain in s from 0 to 1000",
+        ),
         ("K_PF", law.force_proportional, 1e3, "a gain from 0 to 1000"),
         (
             "K_IF_per_s",

@@ -151,20 +151,18 @@ impl Spot {
     /// By how much all gains can be raised until the loop becomes unstable, dB; negative
     /// where they must be lowered to make it stable. Looked for in steps of `step` dB up
     /// to `most` dB.
-    pub fn gain_margin_db(
-        &self,
-        plan: &Plan,
-        law: &LawParameters,
-        step: f64,
-        most: f64,
-    ) -> f64 {
+    pub fn gain_margin_db(&self, plan: &Plan, law: &LawParameters, step: f64, most: f64) -> f64 {
         let stable = |db: f64| self.is_stable(plan, law, 10f64.powf(db / 20.0), 0.0);
         let up = stable(0.0);
         let step = if up { step } else { -step };
         let mut edge = 0.0;
         loop {
             let next: f64 = edge + step;
-            let end = if up { next >= most } else { next <= -GAIN_MARGIN_MAX_DB };
+            let end = if up {
+                next >= most
+            } else {
+                next <= -GAIN_MARGIN_MAX_DB
+            };
             let next = if end {
                 if up { most } else { -GAIN_MARGIN_MAX_DB }
             } else {
@@ -210,12 +208,7 @@ pub fn sliding_allowance(plan: &Plan) -> f64 {
 }
 
 /// Where between `inside` and `outside` the condition ends, to `tolerance`.
-fn bisect(
-    mut inside: f64,
-    mut outside: f64,
-    tolerance: f64,
-    holds: impl Fn(f64) -> bool,
-) -> f64 {
+fn bisect(mut inside: f64, mut outside: f64, tolerance: f64, holds: impl Fn(f64) -> bool) -> f64 {
     while (outside - inside).abs() > tolerance {
         let middle = 0.5 * (inside + outside);
         if holds(middle) {
@@ -267,7 +260,11 @@ impl Spread {
         plant: &PlantParameters,
     ) -> Result<Vec<(String, Variant)>, StabilityError> {
         let or = |values: &[u32], own: u32| {
-            if values.is_empty() { vec![own] } else { values.to_vec() }
+            if values.is_empty() {
+                vec![own]
+            } else {
+                values.to_vec()
+            }
         };
         let rates = or(&self.tick_rate_hz, plan.tick_rate_hz);
         let meshes = if self.elements.is_empty() {
@@ -305,7 +302,10 @@ impl Spread {
                                 if rates.len() > 1 {
                                     name += &format!(", {rate} Hz");
                                 }
-                                let variant = Variant { tick_rate_hz: rate, ..variant.clone() };
+                                let variant = Variant {
+                                    tick_rate_hz: rate,
+                                    ..variant.clone()
+                                };
                                 variants.push((name, variant));
                             }
                         }
@@ -382,9 +382,13 @@ pub struct Summary {
 impl Summary {
     fn new(name: &str, spots: &[Spot], points: &[PathPoint]) -> Option<Self> {
         let worst = (0..points.len()).max_by(|i, j| {
-            points[*i].verdict.radius.total_cmp(&points[*j].verdict.radius)
+            points[*i]
+                .verdict
+                .radius
+                .total_cmp(&points[*j].verdict.radius)
         })?;
-        let least = |f: &dyn Fn(&PathPoint) -> f64| points.iter().map(f).fold(f64::INFINITY, f64::min);
+        let least =
+            |f: &dyn Fn(&PathPoint) -> f64| points.iter().map(f).fold(f64::INFINITY, f64::min);
         let verdict = &points[worst].verdict;
         let tightest = points
             .iter()

@@ -113,7 +113,13 @@ impl Printed {
             .kinematics
             .inverse_motion(tip, velocity, [0.0; 2], model.arm.elbow)
             .ok()?;
-        Some(Self::new(variant, law, normal_angle, joint.angle, joint.rate))
+        Some(Self::new(
+            variant,
+            law,
+            normal_angle,
+            joint.angle,
+            joint.rate,
+        ))
     }
 
     /// Whether eq. 23 has as many independent columns as unknowns; without K_DF it has

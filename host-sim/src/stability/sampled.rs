@@ -300,7 +300,10 @@ impl Sampled {
                 matrix[(torques + joint, column)] = command[joint][column];
             }
             for older in 0..whole {
-                matrix[(torques + 2 * (older + 1) + joint, torques + 2 * older + joint)] = 1.0;
+                matrix[(
+                    torques + 2 * (older + 1) + joint,
+                    torques + 2 * older + joint,
+                )] = 1.0;
             }
             for row in 0..n {
                 if whole == 0 {

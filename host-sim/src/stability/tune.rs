@@ -5,7 +5,8 @@
 //! path, closed with the law, are driven by what the plan's torques leave over on that
 //! plant. It starts once from the plant's own equilibrium and once, at rest, from the
 //! plan's first shape. The cost is the root mean square, over plants and starts, of the
-//! error's rms divided by that without feedback: 1 is as good as none. From the own equilibrium, a
+//! error's rms divided by that without feedback, the second start counted threefold: 1 is as
+//! good as none. From the own equilibrium, a
 //! tip that gets farther off than [`TIP_LIMIT`] times without feedback adds to it.
 //!
 //! **Margins.** Every corner of the spread must be stable, also with all gains raised by
@@ -21,6 +22,7 @@
 
 use super::StabilityError;
 use super::linear::{self, FORCE, Linear, OUTPUTS, OperatingPoint, SLOPE_RATE, Variant};
+use super::map::Gain;
 use super::path::{self, Report, Spot, Spread};
 use super::sampled::{LinearLaw, Sampled, with_gains_times};
 use crate::dynamics;
@@ -38,8 +40,15 @@ use shared::law::LawParameters;
 /// Farthest that the tip may get off its path, against the same plant without feedback.
 pub const TIP_LIMIT: f64 = 1.5;
 
+/// Weights of the two starts in the cost. The second one's errors are larger, and with
+/// equal weights the search trades the contact mode's damping for a faster integral.
+const START_WEIGHTS: [f64; 2] = [1.0, 3.0];
+
 /// Factor on the gains with which a finer mesh must be stable.
 pub const FINE_FACTOR: f64 = 1.5;
+
+/// Share of the cost that a gain must be worth, for noise and rounding it costs besides.
+const WORTH: f64 = 1.01;
 
 /// How to tune.
 #[derive(Clone, Debug, PartialEq)]
@@ -141,7 +150,13 @@ impl Prediction {
         // What is left over at the segments' ends: rates of the state, measured outputs.
         let mut left_over = vec![];
         for i in 0..=count {
-            left_over.push(mismatch(plan, &mut sampler, &planned, variant, time(i * ticks))?);
+            left_over.push(mismatch(
+                plan,
+                &mut sampler,
+                &planned,
+                variant,
+                time(i * ticks),
+            )?);
         }
         let mut segments = vec![];
         for i in 0..count {
@@ -326,8 +341,14 @@ impl Bounds {
             (1e-3, 3.0),
             (0.003 * contact, 3.0 * contact),
             (0.02 * slope_rate, 50.0 * slope_rate),
-            (0.2 * corner, (50.0 * corner).min(0.25 * rate).max(0.4 * corner)),
-            (1.0 * corner, (50.0 * corner).min(0.25 * rate).max(2.0 * corner)),
+            (
+                0.2 * corner,
+                (50.0 * corner).min(0.25 * rate).max(0.4 * corner),
+            ),
+            (
+                1.0 * corner,
+                (50.0 * corner).min(0.25 * rate).max(2.0 * corner),
+            ),
         ];
         Self {
             low: ranges.iter().map(|(low, _)| low.ln()).collect(),
@@ -339,7 +360,11 @@ impl Bounds {
     fn law(&self, base: &LawParameters, place: &[f64]) -> LawParameters {
         let value = |i: usize| {
             let share = (place[i] - self.low[i]) / (self.high[i] - self.low[i]);
-            if i < 4 && share < 0.05 { 0.0 } else { two_digits(place[i].exp()) }
+            if i < 4 && share < 0.05 {
+                0.0
+            } else {
+                two_digits(place[i].exp())
+            }
         };
         LawParameters {
             force_derivative_s: value(0),
@@ -382,6 +407,22 @@ impl Search<'_> {
         None
     }
 
+    /// `law` without the gains that are not worth having: those without which the cost is
+    /// at most [`WORTH`] larger. Without K_DF and K_PF there is nothing to filter.
+    fn simplified(&self, mut law: LawParameters) -> LawParameters {
+        let most = WORTH * self.cost(&law);
+        for gain in [Gain::ForceDerivative, Gain::ForceProportional] {
+            let without = gain.set(&law, 0.0);
+            if self.cost(&without) <= most {
+                law = without;
+            }
+        }
+        if law.force_derivative_s == 0.0 && law.force_proportional == 0.0 {
+            law.force_filter_hz = None;
+        }
+        law
+    }
+
     fn cost(&self, law: &LawParameters) -> f64 {
         if let Some(growth) = self.violation(law) {
             return 1e3 + growth.min(1e6);
@@ -393,9 +434,10 @@ impl Search<'_> {
         for prediction in &self.predictions {
             let errors = prediction.errors(self.plan, law);
             for start in 0..2 {
-                let ratio = errors.force_rms_n[start] / (prediction.open.force_rms_n[start] + least);
-                sum += ratio * ratio;
-                terms += 1.0;
+                let ratio =
+                    errors.force_rms_n[start] / (prediction.open.force_rms_n[start] + least);
+                sum += START_WEIGHTS[start] * ratio * ratio;
+                terms += START_WEIGHTS[start];
             }
             let tip = errors.tip_rms_m[0] / (prediction.open.tip_rms_m[0] + 1e-6);
             sum += 10.0 * (tip / TIP_LIMIT - 1.0).max(0.0).powi(2);
@@ -412,7 +454,10 @@ impl CostFunction for Search<'_> {
     fn cost(&self, place: &Self::Param) -> Result<f64, argmin::core::Error> {
         let law = self.bounds.law(&self.options.law, place);
         let cost = Search::cost(self, &law);
-        let tried = self.tried.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
+        let tried = self
+            .tried
+            .fetch_add(1, std::sync::atomic::Ordering::Relaxed)
+            + 1;
         (self.progress)(tried);
         Ok(cost)
     }
@@ -443,8 +488,8 @@ pub fn tune(
     progress: &(dyn Fn(u64) + Sync),
 ) -> Result<Tuned, StabilityError> {
     // A hair more than asked for, as the conditions are tried at fewer points.
-    let gain = 10f64.powf((options.gain_margin_db + 0.15) / 20.0);
-    let delay = options.delay_margin_ticks + 0.05;
+    let gain = 10f64.powf((options.gain_margin_db + 0.1) / 20.0);
+    let delay = options.delay_margin_ticks + 0.02;
     let spread = &options.spread;
     let corners = Spread {
         bending_stiffness_scale: ends(&spread.bending_stiffness_scale),
@@ -475,8 +520,15 @@ pub fn tune(
     };
     let mut conditions = vec![];
     let centre = Spread::none().variants(plan, &options.plant)?;
-    for variant in centre.iter().chain(&corners.variants(plan, &options.plant)?) {
-        conditions.push(condition(variant, 9, &[(1.0, 0.0), (gain, 0.0), (1.0, delay)])?);
+    for variant in centre
+        .iter()
+        .chain(&corners.variants(plan, &options.plant)?)
+    {
+        conditions.push(condition(
+            variant,
+            9,
+            &[(1.0, 0.0), (gain, 0.0), (1.0, delay)],
+        )?);
     }
     for variant in &fine.variants(plan, &options.plant)? {
         conditions.push(condition(variant, 3, &[(FINE_FACTOR, 0.0)])?);
@@ -519,7 +571,7 @@ pub fn tune(
     let best = state
         .take_best_individual()
         .ok_or_else(|| StabilityError::Optimiser("has no result".into()))?;
-    let law = search.bounds.law(&options.law, &best.position);
+    let law = search.simplified(search.bounds.law(&options.law, &best.position));
     let report = Report::new(plan, &options.plant, spread, &law, options.points)?;
     let everything = || std::iter::once(&report.nominal).chain(&report.spread);
     let short = everything().find(|s| {
@@ -553,4 +605,3 @@ pub fn tune(
         tried: search.tried.into_inner(),
     })
 }
-

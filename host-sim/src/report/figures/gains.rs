@@ -8,9 +8,7 @@ use super::{
 };
 use crate::report::ReportError;
 use crate::stability::map::{Class, Map};
-use crate::stability::path::{
-    DELAY_MARGIN_MAX_TICKS, GAIN_MARGIN_MAX_DB, PathPoint, Spot,
-};
+use crate::stability::path::{DELAY_MARGIN_MAX_TICKS, GAIN_MARGIN_MAX_DB, PathPoint, Spot};
 use nalgebra::Complex;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -36,7 +34,8 @@ pub(in crate::report) fn figures(gains: &Gains<'_>) -> Result<Vec<Figure>, Repor
 /// Colour of a share 0 to 1 of the path: from blue by purple to orange.
 fn along(share: f64) -> RGBColor {
     let between = |a: RGBColor, b: RGBColor, share: f64| {
-        let mix = |a: u8, b: u8| (f64::from(a) + share * (f64::from(b) - f64::from(a))).round() as u8;
+        let mix =
+            |a: u8, b: u8| (f64::from(a) + share * (f64::from(b) - f64::from(a))).round() as u8;
         RGBColor(mix(a.0, b.0), mix(a.1, b.1), mix(a.2, b.2))
     };
     if share < 0.5 {
@@ -61,6 +60,9 @@ const HEAD: f64 = 30.0;
 /// Poles of the closed loop along the path.
 fn loci(gains: &Gains<'_>) -> Result<Figure, ReportError> {
     let contact = gains.spots.first().map_or(1.0, Spot::contact_frequency);
+    let open = || gains.spots.iter().flat_map(|spot| &spot.open);
+    let broad = open().map(|p| p.re.abs()).fold(contact, f64::max);
+    let fast = open().map(|p| p.im).fold(contact, f64::max);
     let everything = || {
         gains
             .points
@@ -77,11 +79,9 @@ fn loci(gains: &Gains<'_>) -> Result<Figure, ReportError> {
             imaginary: near([0.0, 2.2 * contact], &|p| p.im.max(0.0), 1.2 * contact).without_cut(),
         },
         Plane {
-            heading: "all poles up to half the control rate".into(),
-            real: Axis::new(everything().map(|p| p.re).chain([50.0]), 100.0, [-4000.0, 4000.0], 6)
-                .without_cut(),
-            imaginary: Axis::new(everything().map(|p| p.im.max(0.0)), 100.0, [0.0, 1e6], 6)
-                .without_cut(),
+            heading: "the link's modes".into(),
+            real: near([-3.0 * broad, broad], &|p| p.re, 0.3 * broad).without_cut(),
+            imaginary: near([0.0, 1.5 * fast], &|p| p.im.max(0.0), 1.1 * fast).without_cut(),
         },
     ];
     let height = 26.0 + planes.len() as f64 * (HEAD + PLANE + TIME_LABELS);
@@ -216,7 +216,11 @@ fn map(map: &Map) -> Result<Figure, ReportError> {
             head.draw_text(label, &plain, (units(x + 20.0), units(21.0)))?;
             x += 20.0 + text_width(label, TEXT) + 18.0;
         }
-        head.draw(&Circle::new((units(x + 6.0), units(21.0)), units(5.0), INK.filled()))?;
+        head.draw(&Circle::new(
+            (units(x + 6.0), units(21.0)),
+            units(5.0),
+            INK.filled(),
+        ))?;
         head.draw_text("the gains", &plain, (units(x + 16.0), units(21.0)))?;
         let mut chart = ChartBuilder::on(&body)
             .set_label_area_size(LabelAreaPosition::Left, units(LEFT - EDGE))
@@ -233,7 +237,8 @@ fn map(map: &Map) -> Result<Figure, ReportError> {
                     continue;
                 }
                 let x = [from, to].map(|i| edges[0].0[0] + i as f64 * edges[0].1);
-                let y = [row, row + 1].map(|i| edges[1].0[0] + i as f64 * edges[1].1);
+                // A little over the next row, which is drawn later: no hairline between.
+                let y = [row as f64, row as f64 + 1.1].map(|i| edges[1].0[0] + i * edges[1].1);
                 chart.draw_series([Rectangle::new(
                     [(x[0], y[0]), (x[1], y[1])],
                     colour(classes[from]).filled(),
@@ -258,8 +263,16 @@ fn map(map: &Map) -> Result<Figure, ReportError> {
             let [low, high] = edges[axis].0;
             map.chosen[axis].max(1e-300).log10().clamp(low, high)
         });
-        chart.draw_series([Circle::new((chosen[0], chosen[1]), units(6.0), INK.filled())])?;
-        chart.draw_series([Circle::new((chosen[0], chosen[1]), units(2.5), WHITE.filled())])?;
+        chart.draw_series([Circle::new(
+            (chosen[0], chosen[1]),
+            units(6.0),
+            INK.filled(),
+        )])?;
+        chart.draw_series([Circle::new(
+            (chosen[0], chosen[1]),
+            units(2.5),
+            WHITE.filled(),
+        )])?;
         Ok(())
     })?;
     let [a, b] = map.gains.map(crate::stability::map::Gain::key);
@@ -329,7 +342,9 @@ fn margins(gains: &Gains<'_>) -> Result<Figure, ReportError> {
         panel(
             vec![
                 level("edge of stability", 0.0),
-                curve("slowest pole but the sliding", BLUE, &|p| p.verdict.worst.re),
+                curve("slowest pole but the sliding", BLUE, &|p| {
+                    p.verdict.worst.re
+                }),
                 curve("sliding", ORANGE, &|p| {
                     p.verdict.sliding[0].re.max(p.verdict.sliding[1].re)
                 }),
