@@ -473,7 +473,12 @@ fn controller_toml(law: &LawParameters, how: &[String]) -> String {
     // Every number as a float, which TOML tells from an integer.
     let number = |x: f64| format!("{x:?}");
     let mut put = |assignment: String, comment: &str| {
-        text += &format!("{assignment:<42}# {comment}\n");
+        // A line break before an assignment starts a paragraph.
+        let bare = assignment.trim_start();
+        if bare.len() < assignment.len() {
+            text.push('\n');
+        }
+        text += &format!("{bare:<41} # {comment}\n");
     };
     let l = law;
     put(

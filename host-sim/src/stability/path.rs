@@ -22,7 +22,7 @@ pub const DELAY_MARGIN_MAX_TICKS: f64 = 10.0;
 
 /// Steps in which gain margins are looked for, dB: at every point of the planned arm, and
 /// for a spread's least margins. An unstable stretch that is shorter is passed over.
-const GAIN_STEPS_DB: [f64; 2] = [2.5, 10.0];
+const GAIN_STEPS_DB: [f64; 2] = [2.5, 15.0];
 
 /// Delays at which a loop is tried, ticks.
 const DELAYS: [f64; 7] = [0.5, 1.0, 2.0, 3.0, 5.0, 7.0, DELAY_MARGIN_MAX_TICKS];
@@ -152,30 +152,40 @@ impl Spot {
     /// where they must be lowered to make it stable. Looked for in steps of `step` dB up
     /// to `most` dB.
     pub fn gain_margin_db(&self, plan: &Plan, law: &LawParameters, step: f64, most: f64) -> f64 {
+        let up = self.is_stable(plan, law, 1.0, 0.0);
+        self.gain_margin_from(plan, law, up, step, most)
+    }
+
+    /// As [`gain_margin_db`](Self::gain_margin_db), for a loop that is known to be stable
+    /// (`up`), or not.
+    fn gain_margin_from(
+        &self,
+        plan: &Plan,
+        law: &LawParameters,
+        up: bool,
+        step: f64,
+        most: f64,
+    ) -> f64 {
         let stable = |db: f64| self.is_stable(plan, law, 10f64.powf(db / 20.0), 0.0);
-        let up = stable(0.0);
-        let step = if up { step } else { -step };
+        let (step, end) = if up {
+            (step, most)
+        } else {
+            (-step, -GAIN_MARGIN_MAX_DB)
+        };
         let mut edge = 0.0;
-        loop {
+        while edge != end {
             let next: f64 = edge + step;
-            let end = if up {
-                next >= most
-            } else {
-                next <= -GAIN_MARGIN_MAX_DB
-            };
-            let next = if end {
-                if up { most } else { -GAIN_MARGIN_MAX_DB }
+            let next = if (next - end) * step >= 0.0 {
+                end
             } else {
                 next
             };
             if stable(next) != up {
                 return bisect(edge, next, 0.01, |db| stable(db) == up);
             }
-            if end {
-                return next;
-            }
             edge = next;
         }
+        end
     }
 
     /// By how many ticks the torques may act later until the loop becomes unstable; 0
@@ -490,8 +500,12 @@ pub fn examine_least(
         .map(|spot| {
             let verdict = spot.verdict(plan, law, 0.0);
             // Where the loop is unstable as it is, both are looked for downwards.
-            gain = gain.min(spot.gain_margin_db(plan, law, GAIN_STEPS_DB[1], gain.max(0.0)));
-            let holds = delay > 0.0 && spot.is_stable(plan, law, 1.0, delay);
+            let stable = verdict.is_stable();
+            if !stable || gain > 0.0 {
+                let step = GAIN_STEPS_DB[1];
+                gain = gain.min(spot.gain_margin_from(plan, law, stable, step, gain.max(0.0)));
+            }
+            let holds = delay > 0.0 && stable && spot.is_stable(plan, law, 1.0, delay);
             if !holds {
                 delay = spot.delay_margin_ticks(plan, law, delay);
             }

@@ -15,7 +15,7 @@
 //! [`FINE_FACTOR`] times the gains.
 //!
 //! The search is a particle swarm over the logarithms of K_DF, K_PF, K_IF, K_w and the
-//! corners of both filters; a gain at its lower bound is left out. The slope rate filter
+//! corners of both filters; a gain near its lower bound is left out. The slope rate filter
 //! belongs to the search because with a given one K_w is bound to what the root's inertia
 //! allows. Gains are tried as rounded to two digits, and those found are examined at every
 //! point for every plant before they are returned.
@@ -46,6 +46,9 @@ const START_WEIGHTS: [f64; 2] = [1.0, 3.0];
 
 /// Factor on the gains with which a finer mesh must be stable.
 pub const FINE_FACTOR: f64 = 1.5;
+
+/// Part of a gain's logarithmic range, from its lower bound, that stands for a gain of 0.
+const LEAST: f64 = 0.2;
 
 /// Share of the cost that a gain must be worth, for noise and rounding it costs besides.
 const WORTH: f64 = 1.01;
@@ -356,11 +359,11 @@ impl Bounds {
         }
     }
 
-    /// The law at a place of the search; gains at their lower bound are left out.
+    /// The law at a place of the search; gains near their lower bound are left out.
     fn law(&self, base: &LawParameters, place: &[f64]) -> LawParameters {
         let value = |i: usize| {
             let share = (place[i] - self.low[i]) / (self.high[i] - self.low[i]);
-            if i < 4 && share < 0.05 {
+            if i < 4 && share < LEAST {
                 0.0
             } else {
                 two_digits(place[i].exp())
