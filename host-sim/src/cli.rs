@@ -60,7 +60,7 @@ enum Command {
     #[command(
         after_help = "Example: host-sim gains --controller examples/controller.toml --out out/gains\n\nWrites report.html, figures and summary.json. `host-sim gains tune` finds gains."
     )]
-    Gains(gains::GainsArgs),
+    Gains(Box<gains::GainsArgs>),
 }
 
 /// Files and places that every command takes.

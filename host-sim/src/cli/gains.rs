@@ -94,10 +94,20 @@ struct TuneArgs {
     #[command(flatten)]
     plants: PlantArgs,
     /// Least gain margin of every plant, dB
-    #[arg(long = "gain-margin-dB", value_name = "DB", default_value_t = 6.0)]
+    #[arg(
+        long = "gain-margin-dB",
+        value_name = "DB",
+        default_value_t = 6.0,
+        allow_negative_numbers = true
+    )]
     gain_margin_db: f64,
     /// Least delay margin of every plant, ticks
-    #[arg(long, value_name = "TICKS", default_value_t = 1.0)]
+    #[arg(
+        long,
+        value_name = "TICKS",
+        default_value_t = 1.0,
+        allow_negative_numbers = true
+    )]
     delay_margin_ticks: f64,
     /// Seed of the search
     #[arg(long, value_name = "N", default_value_t = 1)]

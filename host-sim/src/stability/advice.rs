@@ -6,7 +6,7 @@ use super::path::{self, Spot, Summary};
 use super::sampled::with_gains_times;
 use crate::plan::Plan;
 use rayon::prelude::*;
-use shared::law::LawParameters;
+use shared::law::{ForceProjection, LawParameters};
 
 /// Gain margin below which a stable loop gets a word of caution, dB.
 pub const CAUTION_DB: f64 = 6.0;
@@ -30,8 +30,8 @@ fn stable(spots: &[Spot], plan: &Plan, law: &LawParameters) -> bool {
         .all(|spot| spot.verdict(plan, law, 0.0).is_stable())
 }
 
-/// The largest of the shares 1, 0.95, 0.9 ... of a gain with which `holds`, to two digits
-/// of the share.
+/// The largest share of a gain, to 1 %, with which `holds`; `None` if not even a
+/// thousandth does.
 fn share(holds: impl Fn(f64) -> bool) -> Option<f64> {
     const LEAST: f64 = 1e-3;
     if !holds(LEAST) {
@@ -95,7 +95,7 @@ pub fn advice(
     let spots = path::spots(plan, variant, times)?;
     let mut remedies = vec![];
     for (name, gain) in GAINS {
-        let value = *gain(&mut law.clone());
+        let value = *gain(&mut { *law });
         if value == 0.0 {
             continue;
         }
@@ -112,6 +112,13 @@ pub fn advice(
         && let Some(share) = share(|share| stable(&spots, plan, &with_gains_times(law, share)))
     {
         remedies.push(format!("all gains times {}", down(share)));
+    }
+    let transpose = LawParameters {
+        force_projection: ForceProjection::JacobianTranspose,
+        ..*law
+    };
+    if law.force_projection == ForceProjection::AsPrinted && stable(&spots, plan, &transpose) {
+        remedies.push("force_projection = \"jacobian-transpose\"".to_string());
     }
     if let Some(rate) = faster(plan, variant, law, times)? {
         remedies.push(format!(

@@ -301,7 +301,7 @@ impl Spread {
                             let variant = Variant::new(plan, &parameters, angle)?;
                             for &rate in &rates {
                                 let mut name = format!(
-                                    "stiffness x {stiffness}, link 2 mass x {mass}, root inertia + {inertia:.2e} kg m2"
+                                    "stiffness x {stiffness}, mass x {mass}, root + {inertia:e} kg m2"
                                 );
                                 if self.contact_angle_rad.len() > 1 {
                                     name += &format!(", contact turned by {angle} rad");

@@ -5,8 +5,7 @@
 //!
 //! - the joint angles' deviations. The angles are held at their planned values, so the
 //!   sliding is missing, and the link's modes are those of a link whose chord stands
-//!   still: 34.2 instead of 34.5 rad/s for the contact mode at the start of the paper's
-//!   task, but 138.5 for the second of both;
+//!   still;
 //! - with the angles gone there are as many equations as before and fewer unknowns, and
 //!   `e_f` and its integral count as independent of each other (no row says that one is
 //!   the other's derivative). With K_DF = 0 the column of `e_f` vanishes altogether;
@@ -17,7 +16,8 @@
 //!   there has the unit of a momentum among torques;
 //! - filters, sampling and hold, which decide how large K_w and K_PF may be.
 //!
-//! So its eigenvalues say little about the loop. They are here to show that.
+//! So its eigenvalues say little about the loop: with the demo's gains, stable in every
+//! simulation, they have pairs that grow (docs/gains.md). They are here to show that.
 
 use super::linear::{OperatingPoint, Variant};
 use nalgebra::{Complex, DMatrix};
