@@ -74,6 +74,9 @@ fn arms() -> [ArmParameters; 2] {
     ]
 }
 
+/// Rate of the independent state, and the outputs.
+type Evaluated = (Vec<f64>, [f64; 6]);
+
 /// The plant's full derivative at independent coordinates `y`: an own route to them by
 /// Newton's method on the two angles, not the library's inverse kinematics.
 fn nonlinear(
@@ -82,7 +85,7 @@ fn nonlinear(
     near: [f64; 2],
     y: &[f64],
     torque: [f64; 2],
-) -> (Vec<f64>, [f64; 6]) {
+) -> Evaluated {
     let model = &variant.model;
     let (n, m) = (model.dof(), 1 + model.dof());
     let (along, normal) = (point.along, point.surface.normal);
@@ -176,7 +179,7 @@ fn the_linearisation_is_the_derivative_of_the_constrained_plant() {
                     // Two central differences, extrapolated: of fourth order.
                     let h = 1e-5;
                     let [a, b, c, d] = [h, -h, 0.5 * h, -0.5 * h].map(|h| evaluate(column, h));
-                    let slope = |f: &dyn Fn(&(Vec<f64>, [f64; 6])) -> f64| {
+                    let slope = |f: &dyn Fn(&Evaluated) -> f64| {
                         let coarse = (f(&a) - f(&b)) / (2.0 * h);
                         let fine = (f(&c) - f(&d)) / h;
                         (4.0 * fine - coarse) / 3.0
