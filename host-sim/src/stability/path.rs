@@ -104,11 +104,15 @@ impl Spot {
             .filter(|z| !(z.norm() < 1e-9))
             .map(|z| (z.ln() / period, z.norm()))
             .collect();
+        // The sliding is the pole nearest to that without feedback. Where others come
+        // near, as an integrator of its frequency does, it is the least damped of them.
         let mut taken = |near: Complex<f64>| {
-            let distance = |pole: &(Complex<f64>, f64)| (pole.0 - near).norm();
-            let nearest = (0..poles.len())
-                .min_by(|i, j| distance(&poles[*i]).total_cmp(&distance(&poles[*j])));
-            nearest.map_or((near, f64::NAN), |i| poles.swap_remove(i))
+            let distance = |i: &usize| (poles[*i].0 - near).norm();
+            let close = (0..poles.len()).filter(|i| distance(i) < 0.5 * near.norm());
+            let found = close
+                .max_by(|i, j| poles[*i].0.re.total_cmp(&poles[*j].0.re))
+                .or_else(|| (0..poles.len()).min_by(|i, j| distance(i).total_cmp(&distance(j))));
+            found.map_or((near, f64::NAN), |i| poles.swap_remove(i))
         };
         let sliding = [0, 1].map(|i| taken(self.open[i]));
         let mut radius = 0.0;
