@@ -1,4 +1,4 @@
-//! How long planning and simulating the paper's task takes: `cargo bench`.
+//! How long planning, simulating and examining the paper's task takes: `cargo bench`.
 
 use host_sim::cases;
 use host_sim::closed_loop::{self, RunOptions};
@@ -6,6 +6,8 @@ use host_sim::config;
 use host_sim::knots;
 use host_sim::plan::{Plan, PlanOptions, plan};
 use host_sim::plant::{Plant, PlantParameters, Start};
+use host_sim::stability::linear::{Linear, OperatingPoint, Variant};
+use host_sim::stability::path::Report;
 
 fn main() {
     divan::main();
@@ -63,4 +65,24 @@ fn run_2_s_in_closed_loop(bencher: divan::Bencher<'_, '_>, elements: usize) {
         start: Start::PlanAtRest,
     };
     bencher.bench(|| closed_loop::run::<f32>(&plan, &image, &options));
+}
+
+/// Linearisation of the 3-element plant at one point, by dual numbers.
+#[divan::bench]
+fn linearise_at_a_point(bencher: divan::Bencher<'_, '_>) {
+    let plan = paper(2.0);
+    let variant = Variant::planned(&plan).expect("a model");
+    let point = OperatingPoint::new(&plan, &mut plan.sampler(), &variant, 0.7).expect("a point");
+    bencher.bench(|| Linear::new(&variant, &point));
+}
+
+/// The stability report of `host-sim gains`: 50 points, the planned arm with all margins
+/// and 27 plants around it with their least ones, on all cores.
+#[divan::bench]
+fn report_stability_over_50_points_and_27_plants(bencher: divan::Bencher<'_, '_>) {
+    let plan = paper(2.0);
+    let law = config::parse_controller("example", config::DEFAULT_CONTROLLER).expect("valid");
+    let spread = config::parse_spread("example", config::DEFAULT_SPREAD).expect("valid");
+    let plant = cases::plant(3, 1.0);
+    bencher.bench(|| Report::new(&plan, &plant, &spread, &law, 50));
 }

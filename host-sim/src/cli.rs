@@ -4,6 +4,8 @@
 //! result); 1 it could not be done (output not writable, a simulation that stopped
 //! early); 2 the command line or a file is at fault.
 
+mod gains;
+
 use crate::cases::{self, CASES, Mode, PLANTS};
 use crate::closed_loop::{self, Outcome, Run, RunError, RunOptions};
 use crate::config::{self, ArmConfig, ConfigError};
@@ -12,6 +14,7 @@ use crate::knots::{self, EncodedTable};
 use crate::plan::{self, Equations, Plan, PlanError, PlanOptions, Task};
 use crate::plant::{PlantParameters, Start};
 use crate::report;
+use crate::stability::StabilityError;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
@@ -53,6 +56,11 @@ enum Command {
         after_help = "Example: host-sim run --task examples/task_fast.toml --plant examples/plant_soft.toml --out out/run\n\nWrites run.csv, plan.csv, table.bin, summary.json, figures and report.html."
     )]
     Run(RunArgs),
+    /// Says whether gains are stable over the whole motion, and with what margin.
+    #[command(
+        after_help = "Example: host-sim gains --controller examples/controller.toml --out out/gains\n\nWrites report.html, figures and summary.json. `host-sim gains tune` finds gains."
+    )]
+    Gains(Box<gains::GainsArgs>),
 }
 
 /// Files and places that every command takes.
@@ -189,6 +197,16 @@ enum CliError {
     Run(#[from] RunError),
     #[error(transparent)]
     Report(#[from] report::ReportError),
+    #[error(transparent)]
+    Stability(#[from] StabilityError),
+    #[error("--at {at_s}: a time of the plan from {start_s} to {end_s} s is accepted")]
+    At { at_s: f64, start_s: f64, end_s: f64 },
+    #[error("{what} {value}: from 0 to {most} is accepted")]
+    Margin {
+        what: &'static str,
+        value: f64,
+        most: f64,
+    },
     #[error("the plan does not fit the table format: {0}")]
     Encode(TableError),
     #[error("the simulation stopped at t = {t_s:.4} s: {}; the results up to there are in {}", outcome.name(), out.display())]
@@ -211,7 +229,12 @@ impl CliError {
             | Self::Table { .. }
             | Self::OtherTask { .. }
             | Self::Unreadable { .. }
+            | Self::At { .. }
+            | Self::Margin { .. }
             | Self::Run(_) => 2,
+            // No gains found, or the optimiser's failure, is none of the user's.
+            Self::Stability(StabilityError::NotTuned { .. } | StabilityError::Optimiser(_)) => 1,
+            Self::Stability(_) => 2,
             Self::Unwritable { .. }
             | Self::Report(_)
             | Self::Encode(_)
@@ -234,6 +257,7 @@ pub fn main() -> u8 {
         Some(Command::Demo(args)) => demo(&args),
         Some(Command::Plan(args)) => plan_command(&args),
         Some(Command::Run(args)) => run_command(&args),
+        Some(Command::Gains(args)) => gains::command(&args),
     };
     match result {
         Ok(()) => 0,
@@ -459,6 +483,9 @@ fn run_command(args: &RunArgs) -> Result<(), CliError> {
         start,
     };
     let (plan, image) = (&planned.plan, &planned.table.image);
+    if mode != Mode::Feedforward {
+        gains::warn(plan, &plant, &law);
+    }
     let since = Instant::now();
     let run = match args.number {
         NumberArg::F32 => closed_loop::run::<f32>(plan, image, &options)?,
@@ -584,6 +611,7 @@ fn demo(args: &DemoArgs) -> Result<(), CliError> {
         args.common.plan(&arm, &task)?,
         args.common.plan(&arm, &cases::fast(&task))?,
     ];
+    gains::warn(&planned[0].plan, &cases::plant(arm.elements, 1.0), &law);
     let output = Output::new(&args.out)?;
     output.write("plan.csv", |w| export::plan_csv(&planned[0].plan, w))?;
     output.write("plan_fast.csv", |w| export::plan_csv(&planned[1].plan, w))?;

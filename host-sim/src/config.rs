@@ -6,6 +6,7 @@
 use crate::model::ELEMENTS_MAX;
 use crate::plan::{Task, Window};
 use crate::plant::{PlantParameters, SUBSTEPS_MAX, Start};
+use crate::stability::path::Spread;
 use crate::trajectory::{Line, Profile};
 use serde::de::{self, DeserializeOwned, Visitor};
 use serde::{Deserialize, Deserializer};
@@ -21,6 +22,8 @@ pub const DEFAULT_ARM: &str = include_str!("../../examples/arm.toml");
 pub const DEFAULT_TASK: &str = include_str!("../../examples/task.toml");
 /// The controller that is used when no file is given: `examples/controller.toml`.
 pub const DEFAULT_CONTROLLER: &str = include_str!("../../examples/controller.toml");
+/// The plants that gains are examined with when no file is given: `examples/spread.toml`.
+pub const DEFAULT_SPREAD: &str = include_str!("../../examples/spread.toml");
 
 /// Control rate when none is asked for, Hz.
 pub const DEFAULT_TICK_RATE_HZ: u32 = 5000;
@@ -161,6 +164,9 @@ const RANGES: &[Range] = &[
     from("root_inertia_kgm2", 0.0, 1e3, "an inertia in kg m^2"),
     from("tip_mass_kg", 0.0, 1e5, "a mass in kg"),
     from("tip_inertia_kgm2", 0.0, 1e3, "an inertia in kg m^2"),
+    from("added_root_inertia_kgm2", 0.0, 1e3, "inertias in kg m^2"),
+    from("contact_angle_rad", -1.0, 1.0, "angles in rad"),
+    from("tick_rate_Hz", 10.0, 1e6, "control rates in Hz"),
     from(
         "viscous_friction_Nms_rad",
         0.0,
@@ -664,6 +670,90 @@ pub fn parse_plant(file: &str, text: &str) -> Result<(PlantParameters, Start), C
     Ok((parameters, start))
 }
 
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SpreadFile {
+    #[serde(default = "unscaled")]
+    bending_stiffness_scale: Vec<f64>,
+    #[serde(default = "unscaled")]
+    link2_mass_scale: Vec<f64>,
+    #[serde(default = "nothing_added")]
+    added_root_inertia_kgm2: Vec<f64>,
+    #[serde(default = "nothing_added")]
+    contact_angle_rad: Vec<f64>,
+    #[serde(default, rename = "tick_rate_Hz")]
+    tick_rate: Vec<u32>,
+    #[serde(default)]
+    elements: Vec<u32>,
+}
+
+fn unscaled() -> Vec<f64> {
+    vec![1.0]
+}
+
+fn nothing_added() -> Vec<f64> {
+    vec![0.0]
+}
+
+/// Most plants of a spread; each costs some milliseconds.
+const SPREAD_MAX: f64 = 10_000.0;
+
+/// Reads the text of a spread file; `file` is its name for messages.
+///
+/// # Errors
+/// [`ConfigError`].
+pub fn parse_spread(file: &str, text: &str) -> Result<Spread, ConfigError> {
+    let read: SpreadFile = parse(file, text)?;
+    let check = Check { file };
+    let list = |field: &str, values: Vec<f64>| {
+        if values.is_empty() {
+            return Err(ConfigError::Malformed {
+                file: file.to_string(),
+                message: format!("{field} = []; accepted: at least one value"),
+            });
+        }
+        for (i, value) in values.iter().enumerate() {
+            check.value(&format!("{field}[{i}]"), *value)?;
+        }
+        Ok(values)
+    };
+    let whole = |field: &str, values: Vec<u32>| {
+        for (i, value) in values.iter().enumerate() {
+            check.whole(&format!("{field}[{i}]"), *value)?;
+        }
+        Ok(values)
+    };
+    let spread = Spread {
+        bending_stiffness_scale: list("bending_stiffness_scale", read.bending_stiffness_scale)?,
+        link2_mass_scale: list("link2_mass_scale", read.link2_mass_scale)?,
+        added_root_inertia_kgm2: list("added_root_inertia_kgm2", read.added_root_inertia_kgm2)?,
+        contact_angle_rad: list("contact_angle_rad", read.contact_angle_rad)?,
+        tick_rate_hz: whole("tick_rate_Hz", read.tick_rate)?,
+        elements: whole("elements", read.elements)?
+            .into_iter()
+            .map(|elements| elements as usize)
+            .collect(),
+    };
+    let plants: f64 = [
+        spread.bending_stiffness_scale.len(),
+        spread.link2_mass_scale.len(),
+        spread.added_root_inertia_kgm2.len(),
+        spread.contact_angle_rad.len(),
+        spread.tick_rate_hz.len().max(1),
+        spread.elements.len().max(1),
+    ]
+    .iter()
+    .map(|count| *count as f64)
+    .product();
+    if plants > SPREAD_MAX {
+        return Err(ConfigError::Malformed {
+            file: file.to_string(),
+            message: format!("{plants:.0} combinations; accepted: up to {SPREAD_MAX}"),
+        });
+    }
+    Ok(spread)
+}
+
 /// Checks a number given on the command line as `field` of a plant file.
 ///
 /// # Errors
@@ -708,6 +798,9 @@ mod tests {
         assert_eq!((task.path.from, task.path.to), ([0.7, 0.05], [0.2, 0.05]));
         assert_eq!((task.path.duration, task.normal_force), (2.0, 2.0));
         parse_controller("controller", DEFAULT_CONTROLLER).unwrap();
+        let spread = parse_spread("spread", DEFAULT_SPREAD).unwrap();
+        assert_eq!(spread.bending_stiffness_scale, [0.8, 1.0, 1.2]);
+        assert!(spread.tick_rate_hz.is_empty() && spread.elements.is_empty());
         let soft = include_str!("../../examples/plant_soft.toml");
         assert_eq!(
             parse_plant("plant", soft)
@@ -799,6 +892,32 @@ mod tests {
             );
             assert!(!error.contains('\n'));
         }
+    }
+
+    #[test]
+    fn a_spread_names_what_is_wrong_with_it() {
+        for (text, words) in [
+            (
+                "bending_stiffness_scale = []",
+                "bending_stiffness_scale = []; accepted",
+            ),
+            (
+                "link2_mass_scale = [1.0, -1.0]",
+                "link2_mass_scale[1] = -1; accepted",
+            ),
+            (
+                "tick_rate_Hz = [1]",
+                "tick_rate_Hz[0] = 1; accepted: control rates in Hz",
+            ),
+            ("elements = [17]", "elements[0] = 17; accepted"),
+            ("stiffness = [1.0]", "unknown field `stiffness`"),
+        ] {
+            let error = parse_spread("spread.toml", text).unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
+        }
+        let many = format!("contact_angle_rad = {:?}", vec![0.0; 10_001]);
+        let error = parse_spread("spread.toml", &many).unwrap_err().to_string();
+        assert!(error.contains("10001 combinations"), "{error}");
     }
 
     #[test]

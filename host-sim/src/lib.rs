@@ -15,6 +15,7 @@
 //! | [`integrator`] | one step of a Runge-Kutta method |
 //! | [`plant`] | the simulated arm |
 //! | [`closed_loop`] | controller and plant in lock-step |
+//! | [`stability`] | the sampled loop along the path, margins, tuning |
 //! | [`cases`] | the demo's cases |
 //! | [`export`], [`report`] | results as CSV and JSON, pictures and a page |
 //! | [`cli`] | the command line |
@@ -33,6 +34,7 @@ pub mod pil;
 pub mod plan;
 pub mod plant;
 pub mod report;
+pub mod stability;
 #[cfg(test)]
 mod testing;
 pub mod trajectory;

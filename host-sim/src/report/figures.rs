@@ -7,6 +7,8 @@
 //!
 //! Colours are those of Okabe and Ito, which colour-blind readers tell apart.
 
+pub(super) mod gains;
+
 use super::{Case, ReportError, write_file};
 use crate::closed_loop::LogRow;
 use crate::model::outline;
@@ -198,6 +200,8 @@ pub(super) struct Axis {
     decimals: usize,
     /// Least and greatest value of the data where they are not shown.
     pub(super) cut: Option<[f64; 2]>,
+    /// Whether values are decimal logarithms of what the labels say.
+    logarithmic: bool,
 }
 
 impl Axis {
@@ -257,10 +261,35 @@ impl Axis {
             ticks: (0..=count).map(|i| (first + i as f64) * step).collect(),
             decimals: (-step.log10() - 1e-6).ceil().clamp(0.0, 12.0) as usize,
             cut: None,
+            logarithmic: false,
         }
     }
 
+    /// An axis over exactly `range` of decimal logarithms, with a tick a decade that is
+    /// labelled with the value itself.
+    fn decades(range: [f64; 2]) -> Self {
+        let (first, last) = (range[0].ceil(), range[1].floor());
+        let count = (last - first).clamp(0.0, 50.0) as usize;
+        Self {
+            range,
+            ticks: (0..=count).map(|i| first + i as f64).collect(),
+            decimals: 0,
+            cut: None,
+            logarithmic: true,
+        }
+    }
+
+    /// The same, without a word on values beyond its range.
+    fn without_cut(mut self) -> Self {
+        self.cut = None;
+        self
+    }
+
     fn label(&self, value: f64) -> String {
+        if self.logarithmic {
+            let decimals = (-value).max(0.0).round() as usize;
+            return format!("{:.decimals$}", 10f64.powf(value));
+        }
         let text = format!("{value:.*}", self.decimals);
         let zero = text
             .trim_start_matches('-')

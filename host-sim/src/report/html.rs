@@ -1,10 +1,12 @@
 //! The report as one HTML page that needs nothing but itself: no network, and without
 //! scripts still the table and the figures.
 
-use super::figures::{POINTS_MAX, decimate, figures, force_axis, number};
+use super::figures::gains::{self, Gains};
+use super::figures::{Figure, POINTS_MAX, decimate, figures, force_axis, number};
 use super::{Case, ReportError, write_file};
 use crate::closed_loop::SHAPE_STRIDE;
 use crate::model::outline;
+use crate::stability::path::Summary;
 use minijinja::{Environment, Value, context};
 use nalgebra::DVector;
 use serde::Serialize;
@@ -12,6 +14,12 @@ use std::path::Path;
 
 /// The page's template; it escapes all text by itself.
 const TEMPLATE: &str = include_str!("report.html");
+
+/// The template of the page on gains.
+const GAINS_TEMPLATE: &str = include_str!("gains.html");
+
+/// What both pages look like.
+const STYLE: &str = include_str!("style.css");
 
 /// Most frames of a case in the player.
 const FRAMES_MAX: usize = 1000;
@@ -211,8 +219,24 @@ fn page(title: &str, cases: &[Case], notes: &[(String, String)]) -> Result<Strin
             }
         })
         .collect();
-    let figures: Vec<Value> = figures(cases)
-        .map_err(PageError::Report)?
+    let figures = embedded(figures(cases).map_err(PageError::Report)?);
+    let motions: Vec<Motion> = cases.iter().map(Motion::new).collect();
+    let data = script_json(&motions).map_err(|error| other(&error))?;
+
+    let values = context! {
+        title,
+        style => Value::from_safe_string(STYLE.into()),
+        rows,
+        notes,
+        figures,
+        data => Value::from_safe_string(data),
+    };
+    render(TEMPLATE, &values)
+}
+
+/// Figures as the templates take them.
+fn embedded(figures: Vec<Figure>) -> Vec<Value> {
+    figures
         .into_iter()
         .map(|figure| {
             // In HTML the elements need no name space, and so the page no address.
@@ -225,27 +249,78 @@ fn page(title: &str, cases: &[Case], notes: &[(String, String)]) -> Result<Strin
                 svg => Value::from_safe_string(svg),
             }
         })
-        .collect();
-    let motions: Vec<Motion> = cases.iter().map(Motion::new).collect();
-    let data = script_json(&motions).map_err(|error| other(&error))?;
+        .collect()
+}
 
+/// A page of `template`; all text is escaped.
+fn render(template: &str, values: &Value) -> Result<String, PageError> {
     let mut environment = Environment::new();
-    // The name's ending turns escaping on.
+    // A name's ending turns escaping on.
     environment
-        .add_template("report.html", TEMPLATE)
-        .map_err(|error| other(&error))?;
-    environment
-        .get_template("report.html")
-        .and_then(|template| {
-            template.render(context! {
-                title,
-                rows,
-                notes,
-                figures,
-                data => Value::from_safe_string(data),
-            })
+        .add_template("page.html", template)
+        .and_then(|()| environment.get_template("page.html")?.render(values))
+        .map_err(|error| PageError::Other(error.to_string()))
+}
+
+/// What the page on gains shows.
+#[derive(Clone, Copy, Debug)]
+pub struct GainsPage<'a> {
+    /// The page's title.
+    pub title: &'a str,
+    /// What to warn of.
+    pub warnings: &'a [String],
+    /// The plants examined, the most important first.
+    pub plants: &'a [&'a Summary],
+    /// The figures' data.
+    pub gains: Gains<'a>,
+    /// Names and facts.
+    pub notes: &'a [(String, String)],
+}
+
+/// Writes the page on gains to `dir`/report.html and its figures beside it as SVG files:
+/// `gains_loci.svg`, `gains_map.svg`, `gains_margins.svg`. All text is escaped, and the
+/// page needs nothing but itself.
+///
+/// # Errors
+/// [`ReportError`].
+pub fn write_gains(dir: &Path, content: &GainsPage<'_>) -> Result<(), ReportError> {
+    let figures = gains::figures(&content.gains)?;
+    for figure in &figures {
+        write_file(&dir.join(format!("{}.svg", figure.name)), &figure.svg)?;
+    }
+    let rows: Vec<Value> = content
+        .plants
+        .iter()
+        .map(|plant| {
+            context! {
+                name => plant.name,
+                stable => plant.stable,
+                radius => format!("{:.6}", plant.spectral_radius_max),
+                worst_t => format!("{:.3}", plant.worst_t_s),
+                mode => plant.worst_mode,
+                damping => format!("{:.3}", plant.contact_damping_min),
+                gain => format!("{:.1}", plant.gain_margin_db),
+                delay => format!("{:.2}", plant.delay_margin_ticks),
+            }
         })
-        .map_err(|error| other(&error))
+        .collect();
+    let values = context! {
+        title => content.title,
+        style => Value::from_safe_string(STYLE.into()),
+        warnings => content.warnings,
+        rows,
+        figures => embedded(figures),
+        notes => content.notes,
+    };
+    let path = dir.join("report.html");
+    let page = render(GAINS_TEMPLATE, &values).map_err(|error| match error {
+        PageError::Report(error) => error,
+        PageError::Other(reason) => ReportError::Page {
+            path: path.clone(),
+            reason,
+        },
+    })?;
+    write_file(&path, &page)
 }
 
 #[cfg(test)]

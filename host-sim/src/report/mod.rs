@@ -11,8 +11,9 @@ use crate::closed_loop::Run;
 use crate::plan::Plan;
 use std::path::{Path, PathBuf};
 
+pub use figures::gains::Gains;
 pub use figures::write_figures;
-pub use html::write_html;
+pub use html::{GainsPage, write_gains, write_html};
 
 /// One simulated case for the report.
 #[derive(Clone, Copy, Debug)]
