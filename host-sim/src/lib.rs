@@ -32,6 +32,7 @@ pub mod model;
 pub mod pil;
 pub mod plan;
 pub mod plant;
+pub mod ranges;
 pub mod report;
 #[cfg(test)]
 mod testing;
