@@ -15,10 +15,13 @@
 //! | [`integrator`] | one step of a Runge-Kutta method |
 //! | [`plant`] | the simulated arm |
 //! | [`closed_loop`] | controller and plant in lock-step |
+//! | [`ranges`] | range analysis for fixed point |
+//! | [`accuracy`] | how exact f32 and fixed point are |
 //! | [`cases`] | the demo's cases |
 //! | [`export`], [`report`] | results as CSV and JSON, pictures and a page |
 //! | [`cli`] | the command line |
 
+pub mod accuracy;
 pub mod cases;
 pub mod cli;
 pub mod closed_loop;
