@@ -17,7 +17,7 @@ pub mod exact;
 
 use crate::closed_loop::{self, Run, RunError, RunOptions};
 use crate::plan::Plan;
-use crate::ranges::{self, Analysis, RangeError};
+use crate::ranges::{self, RangeError};
 use exact::Exact;
 use shared::controller::{Coefficients, Command, Controller};
 use shared::fixed_point::{Exponent, Fixed};
