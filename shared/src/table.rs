@@ -592,12 +592,16 @@ impl<'a> Table<'a> {
             segments_left: 0,
             phase: 0,
             phase_unit: T::reciprocal_of(1),
-            cubics: [Cubic::default(); COLUMNS],
+            cubics: [Cubic::default(); KEPT.len()],
         };
         cursor.restart(self);
         cursor
     }
 }
+
+/// Columns whose cubics a cursor keeps: those that the control law reads. The others are
+/// for logs and made when they are asked for.
+const KEPT: [usize; 5] = [0, 1, 2, 6, 7];
 
 /// Streams a table: one [`Reference`] a tick, in bounded time and memory.
 #[derive(Clone, Debug)]
@@ -617,8 +621,8 @@ pub struct Cursor<'a, T: Scalar> {
     phase: u32,
     /// One such unit.
     phase_unit: T::Reciprocal,
-    /// The columns in the current segment.
-    cubics: [Cubic<T>; COLUMNS],
+    /// The [`KEPT`] columns in the current segment.
+    cubics: [Cubic<T>; KEPT.len()],
 }
 
 impl<'a, T: Scalar> Cursor<'a, T> {
@@ -656,19 +660,26 @@ impl<'a, T: Scalar> Cursor<'a, T> {
     /// Begins the segment whose rows come first.
     #[inline(never)]
     fn load(&mut self) {
+        for (position, column) in KEPT.into_iter().enumerate() {
+            self.cubics[position] = self.cubic(column);
+        }
+    }
+
+    /// A column in the current segment.
+    #[inline]
+    fn cubic(&self, column: usize) -> Cubic<T> {
         // open() has made sure that every piece has its rows, so there are four here.
         let Some(window) = self.rows.first_chunk::<4>() else {
-            return;
+            return Cubic::default();
         };
-        let window = window.each_ref().map(|row| row.as_chunks::<4>().0);
-        let columns = self.cubics.iter_mut().zip(self.quantum);
-        for (i, (cubic, quantum)) in columns.enumerate() {
-            let knots = window.map(|row| {
-                let raw = row.get(i).map_or(0, |bytes| i32::from_le_bytes(*bytes));
-                T::knot(raw, quantum)
-            });
-            *cubic = Cubic::through(knots);
-        }
+        Cubic::through(window.each_ref().map(|row| {
+            let (raw, _) = row.as_chunks::<4>();
+            let raw = raw.get(column);
+            T::knot(
+                raw.map_or(0, |bytes| i32::from_le_bytes(*bytes)),
+                self.quantum[column],
+            )
+        }))
     }
 
     /// Goes on by one tick; stays at the end.
@@ -699,7 +710,11 @@ impl<'a, T: Scalar> Cursor<'a, T> {
     #[inline(always)]
     pub fn reference(&self) -> Reference<T> {
         let u = T::fraction(self.phase, self.phase_unit);
-        let column = |i: usize| self.cubics[i].at(u).from_knots(self.quantum[i]);
+        let column = |i: usize| {
+            let kept = KEPT.iter().position(|column| *column == i);
+            let cubic = kept.map_or_else(|| self.cubic(i), |at| self.cubics[at]);
+            cubic.at(u).from_knots(self.quantum[i])
+        };
         // Not by a loop over the columns: unused ones would not fall away.
         Reference::from_columns([
             column(0),

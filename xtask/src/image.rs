@@ -2,7 +2,7 @@
 //! can reach a panic.
 
 use anyhow::{Context, Result, bail, ensure};
-use object::{Object, ObjectSection, ObjectSymbol, SectionKind, SymbolKind};
+use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind, SymbolKind, elf};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
@@ -26,11 +26,18 @@ pub(crate) fn sizes(elf: &Path) -> Result<Sizes> {
 }
 
 /// Sizes of the sections that an image loads, whose flash is at these addresses.
-pub(crate) fn sizes_in(elf: &Path, flash: core::ops::Range<u64>) -> Result<Sizes> {
-    let bytes = fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
+pub(crate) fn sizes_in(path: &Path, flash: core::ops::Range<u64>) -> Result<Sizes> {
+    let bytes = fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     let file = object::File::parse(&*bytes)?;
     let mut sizes = Sizes { flash: 0, ram: 0 };
     for section in file.sections() {
+        // Debug information is not loaded, and has the address 0.
+        let SectionFlags::Elf { sh_flags } = section.flags() else {
+            continue;
+        };
+        if sh_flags & u64::from(elf::SHF_ALLOC) == 0 {
+            continue;
+        }
         match section.kind() {
             // Initialised data lie in RAM and their first values in flash.
             SectionKind::Data => {
