@@ -4,6 +4,9 @@
 //! result); 1 it could not be done (output not writable, a simulation that stopped
 //! early); 2 the command line or a file is at fault.
 
+mod accuracy;
+
+use crate::accuracy::{AccuracyError, run_fixed};
 use crate::cases::{self, CASES, Mode, PLANTS};
 use crate::closed_loop::{self, Outcome, Run, RunError, RunOptions};
 use crate::config::{self, ArmConfig, ConfigError};
@@ -11,6 +14,7 @@ use crate::export;
 use crate::knots::{self, EncodedTable};
 use crate::plan::{self, Equations, Plan, PlanError, PlanOptions, Task};
 use crate::plant::{PlantParameters, Start};
+use crate::ranges::{self, RangeError};
 use crate::report;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -53,6 +57,11 @@ enum Command {
         after_help = "Example: host-sim run --task examples/task_fast.toml --plant examples/plant_soft.toml --out out/run\n\nWrites run.csv, plan.csv, table.bin, summary.json, figures and report.html."
     )]
     Run(RunArgs),
+    /// Compares the controller's number types with f64.
+    #[command(
+        after_help = "Example: host-sim accuracy --out out/accuracy\n\nThe task in closed loop, random and adversarial measurements. Writes summary.json, accuracy.csv, figures and report.html."
+    )]
+    Accuracy(accuracy::AccuracyArgs),
 }
 
 /// Files and places that every command takes.
@@ -158,6 +167,8 @@ enum StartArg {
 enum NumberArg {
     F32,
     F64,
+    /// Fixed point of 32 bits
+    Fixed,
 }
 
 /// Why a command failed.
@@ -188,6 +199,8 @@ enum CliError {
     #[error(transparent)]
     Run(#[from] RunError),
     #[error(transparent)]
+    Range(#[from] RangeError),
+    #[error(transparent)]
     Report(#[from] report::ReportError),
     #[error("the plan does not fit the table format: {0}")]
     Encode(TableError),
@@ -201,6 +214,15 @@ enum CliError {
     Stdout(io::Error),
 }
 
+impl From<AccuracyError> for CliError {
+    fn from(error: AccuracyError) -> Self {
+        match error {
+            AccuracyError::Range(error) => Self::Range(error),
+            AccuracyError::Run(error) => Self::Run(error),
+        }
+    }
+}
+
 impl CliError {
     /// 2 where the user's input is at fault, 1 elsewhere.
     fn exit_code(&self) -> u8 {
@@ -211,6 +233,7 @@ impl CliError {
             | Self::Table { .. }
             | Self::OtherTask { .. }
             | Self::Unreadable { .. }
+            | Self::Range(_)
             | Self::Run(_) => 2,
             Self::Unwritable { .. }
             | Self::Report(_)
@@ -234,6 +257,7 @@ pub fn main() -> u8 {
         Some(Command::Demo(args)) => demo(&args),
         Some(Command::Plan(args)) => plan_command(&args),
         Some(Command::Run(args)) => run_command(&args),
+        Some(Command::Accuracy(args)) => accuracy::accuracy(&args),
     };
     match result {
         Ok(()) => 0,
@@ -460,9 +484,13 @@ fn run_command(args: &RunArgs) -> Result<(), CliError> {
     };
     let (plan, image) = (&planned.plan, &planned.table.image);
     let since = Instant::now();
-    let run = match args.number {
-        NumberArg::F32 => closed_loop::run::<f32>(plan, image, &options)?,
-        NumberArg::F64 => closed_loop::run::<f64>(plan, image, &options)?,
+    let (run, saturations) = match args.number {
+        NumberArg::F32 => (closed_loop::run::<f32>(plan, image, &options)?, None),
+        NumberArg::F64 => (closed_loop::run::<f64>(plan, image, &options)?, None),
+        NumberArg::Fixed => {
+            let (run, saturations) = run_fixed(plan, image, &options, |_, _| {})?;
+            (run, Some(saturations))
+        }
     };
     let run_ms = since.elapsed().as_secs_f64() * 1e3;
 
@@ -470,6 +498,12 @@ fn run_command(args: &RunArgs) -> Result<(), CliError> {
     summary.extend(planned.json());
     summary.insert("run_ms".into(), json!(run_ms));
     summary.insert("plant_elements".into(), json!(run.elements));
+    if let Some(saturations) = saturations {
+        summary.insert("saturations".into(), json!(saturations.total()));
+        for (signal, count) in saturations.entries() {
+            summary.insert(format!("saturations_{signal}"), json!(count));
+        }
+    }
     let summary = Value::Object(summary);
     output.write("plan.csv", |w| export::plan_csv(plan, w))?;
     output.write("table.bin", |w| w.write_all(image))?;
@@ -491,6 +525,14 @@ fn run_command(args: &RunArgs) -> Result<(), CliError> {
         "simulated in".into(),
         format!("{run_ms:.0} ms, plant with {} elements", run.elements),
     ));
+    if let Some(saturations) = saturations {
+        let analysis = ranges::analyse(plan, image, &options.law, &options.limits)?;
+        facts.extend(accuracy::format_facts(&analysis));
+        facts.push((
+            "fixed point: saturations".into(),
+            saturations.total().to_string(),
+        ));
+    }
     report::write_figures(&args.out, &cases)?;
     report::write_html(&args.out.join("report.html"), "Flexor: run", &cases, &facts)?;
 

@@ -600,7 +600,7 @@ impl<'a> Table<'a> {
 }
 
 /// Columns whose cubics a cursor keeps: those that the control law reads. The others are
-/// for logs and made when they are asked for.
+/// for logs and made when they are asked for (see [`Cursor::reference`]).
 const KEPT: [usize; 5] = [0, 1, 2, 6, 7];
 
 /// Streams a table: one [`Reference`] a tick, in bounded time and memory.
@@ -666,7 +666,7 @@ impl<'a, T: Scalar> Cursor<'a, T> {
     }
 
     /// A column in the current segment.
-    #[inline]
+    #[inline(always)]
     fn cubic(&self, column: usize) -> Cubic<T> {
         // open() has made sure that every piece has its rows, so there are four here.
         let Some(window) = self.rows.first_chunk::<4>() else {
@@ -710,22 +710,17 @@ impl<'a, T: Scalar> Cursor<'a, T> {
     #[inline(always)]
     pub fn reference(&self) -> Reference<T> {
         let u = T::fraction(self.phase, self.phase_unit);
-        let column = |i: usize| {
-            let kept = KEPT.iter().position(|column| *column == i);
-            let cubic = kept.map_or_else(|| self.cubic(i), |at| self.cubics[at]);
-            cubic.at(u).from_knots(self.quantum[i])
-        };
+        let kept = |at: usize| self.cubics[at].at(u).from_knots(self.quantum[KEPT[at]]);
+        let made = |column: usize| self.cubic(column).at(u).from_knots(self.quantum[column]);
         // Not by a loop over the columns: unused ones would not fall away.
-        Reference::from_columns([
-            column(0),
-            column(1),
-            column(2),
-            column(3),
-            column(4),
-            column(5),
-            column(6),
-            column(7),
-        ])
+        Reference {
+            torque: [kept(0), kept(1)],
+            force: kept(2),
+            angle: [made(3), made(4)],
+            root_slope: made(5),
+            root_slope_rate: kept(3),
+            normal_angle: kept(4),
+        }
     }
 }
 
@@ -756,7 +751,7 @@ impl<T: Scalar> Cubic<T> {
     }
 
     /// Value at `u` in [0, 1].
-    #[inline]
+    #[inline(always)]
     fn at(&self, u: T) -> T {
         let [c0, c1, c2, c3] = self.0;
         let sum = c2.plus_in_range(c3.times_in_range::<1>(u));
