@@ -178,9 +178,8 @@ fn run<T: Bits>(coefficients: &[u8]) -> Option<()> {
         let (places, _) = answers.as_chunks_mut::<COMMAND_BYTES>();
         for (bytes, place) in batch.iter().zip(places) {
             let (words, _) = bytes.as_chunks::<4>();
-            let word = |i: usize| {
-                T::of_bits(words.get(i).map_or(0, |bytes| u32::from_le_bytes(*bytes)))
-            };
+            let word =
+                |i: usize| T::of_bits(words.get(i).map_or(0, |bytes| u32::from_le_bytes(*bytes)));
             let measured = Measurement {
                 angle: [word(0), word(1)],
                 root_slope: word(2),
@@ -210,7 +209,12 @@ fn run<T: Bits>(coefficients: &[u8]) -> Option<()> {
             let [first, second] = output.limiting.map(side);
             let fault = output.fault.map_or(0, Fault::number);
             let state = u32::from_le_bytes([first, second, fault, 0]);
-            let words = [output.torque[0].bits(), output.torque[1].bits(), state, counts];
+            let words = [
+                output.torque[0].bits(),
+                output.torque[1].bits(),
+                state,
+                counts,
+            ];
             let (place, _) = place.as_chunks_mut::<4>();
             for (place, word) in place.iter_mut().zip(words) {
                 *place = word.to_le_bytes();

@@ -341,7 +341,8 @@ impl Errors {
         [
             (joint, self.planned[joint]),
             (FORCE, self.largest[1] * self.correction),
-            (ANGLE, self.largest[0] * self.lever),
+            // What a lever's error does grows with the range of forces.
+            (FORCE, self.largest[0] * self.lever),
             (FORCE, self.product[joint]),
             (SLOPE_RATE, slope_rate),
         ]

@@ -710,17 +710,28 @@ impl<'a, T: Scalar> Cursor<'a, T> {
     #[inline(always)]
     pub fn reference(&self) -> Reference<T> {
         let u = T::fraction(self.phase, self.phase_unit);
-        let kept = |at: usize| self.cubics[at].at(u).from_knots(self.quantum[KEPT[at]]);
-        let made = |column: usize| self.cubic(column).at(u).from_knots(self.quantum[column]);
-        // Not by a loop over the columns: unused ones would not fall away.
+        // Not by a loop over the columns, nor by closures, which the compiler may leave as
+        // functions: unused columns would not fall away.
         Reference {
-            torque: [kept(0), kept(1)],
-            force: kept(2),
-            angle: [made(3), made(4)],
-            root_slope: made(5),
-            root_slope_rate: kept(3),
-            normal_angle: kept(4),
+            torque: [self.kept(0, u), self.kept(1, u)],
+            force: self.kept(2, u),
+            angle: [self.made(3, u), self.made(4, u)],
+            root_slope: self.made(5, u),
+            root_slope_rate: self.kept(3, u),
+            normal_angle: self.kept(4, u),
         }
+    }
+
+    /// Value of the kept column at a position of [`KEPT`].
+    #[inline(always)]
+    fn kept(&self, at: usize, u: T) -> T {
+        self.cubics[at].at(u).from_knots(self.quantum[KEPT[at]])
+    }
+
+    /// Value of a column that is not kept.
+    #[inline(always)]
+    fn made(&self, column: usize, u: T) -> T {
+        self.cubic(column).at(u).from_knots(self.quantum[column])
     }
 }
 
@@ -731,7 +742,7 @@ struct Cubic<T>([T; 4]);
 impl<T: Scalar> Cubic<T> {
     /// The uniform cubic B-spline's segment with four knots. With knots up to K in
     /// magnitude no intermediate value, here or in [`at`](Self::at), exceeds 4.4 K.
-    #[inline]
+    #[inline(always)]
     fn through([a, b, c, d]: [T; 4]) -> Self {
         let sixth = T::constant(const { Constant::new(1.0 / 6.0, 0) });
         let steps = [

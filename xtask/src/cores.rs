@@ -60,7 +60,7 @@ const GAIN_MIN: u64 = 4;
 const TOLERANCE_PERCENT: u64 = 3;
 
 /// Measured figures by name: `<core>_<image>_<figure>`.
-type Figures = BTreeMap<String, u64>;
+pub(crate) type Figures = BTreeMap<String, u64>;
 
 /// Replays, compares, holds against the golden file.
 pub(crate) fn cores(options: &Options) -> Result<()> {
@@ -68,23 +68,34 @@ pub(crate) fn cores(options: &Options) -> Result<()> {
     if options.json {
         println!("{}", serde_json::to_string_pretty(&figures)?);
     } else {
-        for (name, value) in &figures {
-            println!("{name:36} {value:6}");
-        }
-        println!("every bit of every tick is the host's; no float routine in fixed point");
+        show(&figures);
     }
-    check(&figures, options.update)
+    let excess = excess(&figures, options.update)?;
+    ensure!(
+        excess.is_empty(),
+        "over budget: {}; if that is meant, `cargo xtask cores --update`",
+        excess.join("; ")
+    );
+    Ok(())
+}
+
+/// Prints the figures.
+pub(crate) fn show(figures: &Figures) {
+    for (name, value) in figures {
+        println!("{name:30} {value:6}");
+    }
+    println!("every bit of every tick is the host's; no float routine in fixed point");
 }
 
 #[derive(Serialize, Deserialize)]
 struct Golden(Figures);
 
-/// Holds figures against bars and golden file, which `update` rewrites first.
-pub(crate) fn check(figures: &Figures, update: bool) -> Result<()> {
+/// What exceeds the bars or the golden file, which `update` rewrites first.
+pub(crate) fn excess(figures: &Figures, update: bool) -> Result<Vec<String>> {
     let golden = root().join("cores/budget.toml");
     if update {
         let text = format!(
-            "# Written by `cargo xtask cores --update`; what the tick takes without floating point.\n{}",
+            "# Written by `cargo xtask budget --update`; what the tick takes without floating point.\n{}",
             toml::to_string(&Golden(figures.clone()))?
         );
         fs::write(&golden, text)?;
@@ -122,12 +133,7 @@ pub(crate) fn check(figures: &Figures, update: bool) -> Result<()> {
             ));
         }
     }
-    ensure!(
-        excess.is_empty(),
-        "over budget: {}; if that is meant, `cargo xtask cores --update`",
-        excess.join("; ")
-    );
-    Ok(())
+    Ok(excess)
 }
 
 /// Measurements and the commands they should give, as words.
@@ -166,50 +172,81 @@ impl Recording {
     }
 }
 
-/// Runs everything; the figures.
-pub(crate) fn measure() -> Result<Figures> {
-    let Demo { plan, table, setup } = demo::demo(None)?;
-    let options = demo::options(&setup);
+/// What the images are built from and what they replay.
+struct Prepared {
+    /// Variables that name the files.
+    environment: [(&'static str, PathBuf); 3],
+    fixed: Recording,
+    float: Recording,
+}
+
+/// Runs the demo in both number types and writes table and coefficients into the returned
+/// folder.
+fn prepare(demo: &Demo) -> Result<(Prepared, PathBuf)> {
+    let Demo { plan, table, setup } = demo;
+    let options = demo::options(setup);
     let image = &table.image;
-    let analysis = ranges::analyse(&plan, image, &setup.law, &setup.limits)?;
-    let rate = plan.tick_rate_hz;
+    let analysis = ranges::analyse(plan, image, &setup.law, &setup.limits)?;
     let single = Coefficients::<f32>::new(
         &setup.arm,
         &setup.law,
         &setup.limits,
-        rate,
+        plan.tick_rate_hz,
         &Formats::default(),
     );
     let mut fixed = Recording::new();
-    run_fixed(&plan, image, &options, |m, c| {
+    run_fixed(plan, image, &options, |m, c| {
         fixed.add(|x: Fixed| x.to_bits().cast_unsigned(), m, c);
     })?;
     let mut float = Recording::new();
-    run_with::<f32>(&plan, image, &options, |m, c| float.add(f32::to_bits, m, c))?;
+    run_with::<f32>(plan, image, &options, |m, c| float.add(f32::to_bits, m, c))?;
 
     let out = firmware::target_folder().join("cores");
     fs::create_dir_all(&out)?;
     let mut buffer = [0; 512];
-    let fixed_file = firmware::write(
-        &out.join("fixed.bin"),
-        postcard::to_slice(&analysis.coefficients, &mut buffer)?,
-    )?
-    .to_owned();
-    let float_file = firmware::write(
-        &out.join("float.bin"),
-        postcard::to_slice(&single, &mut buffer)?,
-    )?
-    .to_owned();
-    let table_file = firmware::write(&out.join("table.bin"), image)?.to_owned();
+    let file = |name: &str, bytes: &[u8]| -> Result<PathBuf> {
+        Ok(std::path::absolute(firmware::write(
+            &out.join(name),
+            bytes,
+        )?)?)
+    };
     let environment = [
-        ("FLEXOR_TABLE", table_file),
-        ("FLEXOR_FIXED", fixed_file),
-        ("FLEXOR_FLOAT", float_file),
+        ("FLEXOR_TABLE", file("table.bin", image)?),
+        (
+            "FLEXOR_FIXED",
+            file(
+                "fixed.bin",
+                postcard::to_slice(&analysis.coefficients, &mut buffer)?,
+            )?,
+        ),
+        (
+            "FLEXOR_FLOAT",
+            file("float.bin", postcard::to_slice(&single, &mut buffer)?)?,
+        ),
     ];
+    let prepared = Prepared {
+        environment,
+        fixed,
+        float,
+    };
+    Ok((prepared, out))
+}
 
+/// Runs everything; the figures.
+pub(crate) fn measure() -> Result<Figures> {
+    let demo = demo::demo(None)?;
+    let (
+        Prepared {
+            environment,
+            fixed,
+            float,
+        },
+        out,
+    ) = prepare(&demo)?;
+    let image = &demo.table.image;
     let mut figures = Figures::new();
     for (core, target, machine) in CORES {
-        build(target, &out, &environment, &[])?;
+        cargo("build", target, &out, &environment, &[])?;
         for (name, recording) in IMAGES.into_iter().zip([&fixed, &float]) {
             let elf = out.join(target).join("release").join(name);
             if name == "fixed" {
@@ -261,23 +298,29 @@ pub(crate) fn measure() -> Result<Figures> {
 /// First addresses: `FLASH` of `cores/memory.x`.
 const FLASH: core::ops::Range<u64> = 0..0x4_0000;
 
-/// Builds the images for a target.
-fn build(target: &str, out: &Path, environment: &[(&str, PathBuf)], verb: &[&str]) -> Result<()> {
+/// Lints the images' sources, for one core.
+pub(crate) fn clippy() -> Result<()> {
+    let (prepared, out) = prepare(&demo::demo(None)?)?;
+    let lints = ["--", "-D", "warnings"];
+    cargo("clippy", CORES[0].1, &out, &prepared.environment, &lints)
+}
+
+/// Runs cargo's `verb` on the images for a target.
+fn cargo(
+    verb: &str,
+    target: &str,
+    out: &Path,
+    environment: &[(&str, PathBuf)],
+    more: &[&str],
+) -> Result<()> {
     let toolchain = Toolchain::find()
         .with_context(|| format!("no toolchain has {target}: run `cargo xtask setup`"))?;
     let mut command = toolchain.command("cargo");
     command
         .current_dir(root().join("cores"))
-        .args([
-            "build",
-            "--release",
-            "--quiet",
-            "--target",
-            target,
-            "--target-dir",
-        ])
+        .args([verb, "--release", "--target", target, "--target-dir"])
         .arg(out)
-        .args(verb)
+        .args(more)
         .envs(environment.iter().map(|(name, value)| (name, value)));
     run(&mut command)
 }
