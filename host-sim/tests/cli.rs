@@ -379,3 +379,64 @@ fn usage_and_output_errors_have_their_codes() {
         assert!(output.status.success() && text(&output.stdout).contains("Example:"));
     }
 }
+
+#[test]
+fn accuracy_comes_as_json_figures_and_a_page() {
+    let out = folder("accuracy");
+    let out = out.to_str().unwrap();
+    let result = json(&host_sim(&["accuracy", "--json", "--out", out]));
+    for (number, factor) in [("f32", 100.0), ("fixed", 1.0)] {
+        let is = |key: &str| result[number][key].as_f64().unwrap();
+        assert!(is("torque_error_rms_Nm") <= 2e-4 / factor);
+        assert!(is("torque_error_max_Nm") <= 1e-3 / factor);
+        assert!(is("force_difference_max_N") <= 2e-3 / factor);
+        assert_eq!(is("saturations"), 0.0);
+        assert_eq!(result[number]["random"]["ticks"], 100_000);
+    }
+    for file in [
+        "report.html",
+        "summary.json",
+        "accuracy.csv",
+        "accuracy_time.svg",
+        "accuracy_histogram.svg",
+    ] {
+        let size = std::fs::metadata(Path::new(out).join(file)).unwrap().len();
+        assert!(size > 500, "{file} has {size} bytes");
+    }
+}
+
+#[test]
+fn a_run_in_fixed_point_counts_saturations_and_refuses_what_does_not_fit() {
+    let out = folder("fixed");
+    let out = out.to_str().unwrap();
+    let result = json(&host_sim(&[
+        "run",
+        "--json",
+        "--number",
+        "fixed",
+        "--plant-elements",
+        "3",
+        "--out",
+        out,
+    ]));
+    assert_eq!(result["outcome"], "completed");
+    assert_eq!(result["saturations"], 0);
+    assert_eq!(result["saturations_integral"], 0);
+    let file = Path::new(out).join("controller.toml");
+    let text =
+        host_sim::config::DEFAULT_CONTROLLER.replace("K_IF_per_s = 2.0", "K_IF_per_s = 1e-6");
+    std::fs::write(&file, text).unwrap();
+    let file = file.to_str().unwrap();
+    let refused = host_sim(&[
+        "run",
+        "--number",
+        "fixed",
+        "--controller",
+        file,
+        "--out",
+        out,
+    ]);
+    assert_eq!(refused.status.code(), Some(2));
+    let message = String::from_utf8(refused.stderr).unwrap();
+    assert!(message.contains("K_IF_per_s = 0.000001"), "{message}");
+}
