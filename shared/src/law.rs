@@ -343,12 +343,10 @@ impl<T: Scalar> Law<T> {
             .plus(filtered.scaled(self.proportional, count), count)
             .plus(T::of_sum(state.integral), count);
 
-        let mut lever = |length: T::Gain, angle: T| {
-            let from_normal = reference.normal_angle.minus(angle, &mut saturations.angle);
-            trig::sin(from_normal, self.turn).scaled(length, &mut saturations.angle)
-        };
-        let lever1 = lever(self.link1_length, measured.angle[0]);
-        let lever2 = lever(self.link2_length, measured.angle[1]);
+        let (normal, count) = (reference.normal_angle, &mut saturations.angle);
+        let [first, second] = measured.angle;
+        let lever1 = lever(self.link1_length, normal, first, self.turn, count);
+        let lever2 = lever(self.link2_length, normal, second, self.turn, count);
         let s2 = match self.projection {
             ForceProjection::JacobianTranspose => lever2,
             ForceProjection::AsPrinted => lever1,
@@ -410,6 +408,19 @@ impl<T: Scalar> Law<T> {
             state.integral = proposal.integral_before;
         }
     }
+}
+
+/// Lever of a force along the normal at a link's end, m. A function of values: a closure
+/// that the compiler does not inline keeps all of a reference alive, unused columns too.
+#[inline]
+fn lever<T: Scalar>(
+    length: T::Gain,
+    normal_angle: T,
+    angle: T,
+    turn: T::Turn,
+    count: &mut T::Count,
+) -> T {
+    trig::sin(normal_angle.minus(angle, count), turn).scaled(length, count)
 }
 
 /// Passes `input` through a filter: its output before and now. The state is the output

@@ -672,14 +672,15 @@ impl<'a, T: Scalar> Cursor<'a, T> {
         let Some(window) = self.rows.first_chunk::<4>() else {
             return Cubic::default();
         };
-        Cubic::through(window.each_ref().map(|row| {
-            let (raw, _) = row.as_chunks::<4>();
-            let raw = raw.get(column);
-            T::knot(
-                raw.map_or(0, |bytes| i32::from_le_bytes(*bytes)),
-                self.quantum[column],
-            )
-        }))
+        let quantum = self.quantum[column];
+        // Row by row: a loop that the compiler keeps would be run for nobody, too.
+        let [a, b, c, d] = window;
+        Cubic::through([
+            knot(a, column, quantum),
+            knot(b, column, quantum),
+            knot(c, column, quantum),
+            knot(d, column, quantum),
+        ])
     }
 
     /// Goes on by one tick; stays at the end.
@@ -733,6 +734,14 @@ impl<'a, T: Scalar> Cursor<'a, T> {
     fn made(&self, column: usize, u: T) -> T {
         self.cubic(column).at(u).from_knots(self.quantum[column])
     }
+}
+
+/// A row's knot in a column.
+#[inline(always)]
+fn knot<T: Scalar>(row: &[u8; ROW_BYTES], column: usize, quantum: T::Quantum) -> T {
+    let (raw, _) = row.as_chunks::<4>();
+    let raw = raw.get(column).map_or([0; 4], |bytes| *bytes);
+    T::knot(i32::from_le_bytes(raw), quantum)
 }
 
 /// A column in one segment: coefficients of 1, u, u^2, u^3.
