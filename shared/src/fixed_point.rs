@@ -356,7 +356,7 @@ impl Scalar for Fixed {
     }
 
     #[inline]
-    fn from_knots(self, quantum: Quantum) -> Self {
+    fn spline_signal(self, quantum: Quantum) -> Self {
         of(bits(self).wrapping_shl(quantum.up.into()))
     }
 

@@ -167,7 +167,7 @@ pub trait Scalar:
     fn knot(raw: i32, quantum: Self::Quantum) -> Self;
     /// What a spline through knots gives, as the column's signal.
     #[must_use]
-    fn from_knots(self, quantum: Self::Quantum) -> Self;
+    fn spline_signal(self, quantum: Self::Quantum) -> Self;
     /// 1 / `value`, for 1 to 2^24.
     fn reciprocal_of(value: u32) -> Self::Reciprocal;
     /// `part` times a reciprocal, for a part up to the integer that it is the reciprocal of:
@@ -466,7 +466,7 @@ macro_rules! float {
             }
 
             #[inline]
-            fn from_knots(self, _quantum: Self) -> Self {
+            fn spline_signal(self, _quantum: Self) -> Self {
                 self
             }
 

@@ -726,13 +726,13 @@ impl<'a, T: Scalar> Cursor<'a, T> {
     /// Value of the kept column at a position of [`KEPT`].
     #[inline(always)]
     fn kept(&self, at: usize, u: T) -> T {
-        self.cubics[at].at(u).from_knots(self.quantum[KEPT[at]])
+        self.cubics[at].at(u).spline_signal(self.quantum[KEPT[at]])
     }
 
     /// Value of a column that is not kept.
     #[inline(always)]
     fn made(&self, column: usize, u: T) -> T {
-        self.cubic(column).at(u).from_knots(self.quantum[column])
+        self.cubic(column).at(u).spline_signal(self.quantum[column])
     }
 }
 
@@ -965,7 +965,7 @@ mod tests {
                 let quantum = T::quantum(30, format).unwrap();
                 let cubic = Cubic::through(raw.map(|k| T::knot(k, quantum)));
                 let u = T::fraction(part, T::reciprocal_of(1000));
-                cubic.at(u).from_knots(quantum).to_si(format)
+                cubic.at(u).spline_signal(quantum).to_si(format)
             }
             prop_assert!((read::<f64>(raw, part, ()) - exact).abs() < 1e-14);
             prop_assert!((read::<f32>(raw, part, ()) - exact).abs() < 1e-6);

@@ -7,7 +7,7 @@ use host_sim::closed_loop::RunOptions;
 use host_sim::config;
 use host_sim::plan::Plan;
 use host_sim::plant::Start;
-use host_sim::ranges::{self, Analysis, RangeError, analyse};
+use host_sim::ranges::{Analysis, RangeError, analyse};
 use proptest::prelude::*;
 use shared::controller::{Coefficients, Controller, Mismatch};
 use shared::fixed_point::{Exponent, Fixed};
@@ -324,5 +324,4 @@ fn admissible_measurements_fit_their_formats() {
     for signal in analysis.signals {
         assert!(signal.admissible < signal.exponent.range(), "{signal:?}");
     }
-    assert!(ranges::TORQUE_ERROR_SHARE < 1e-2);
 }

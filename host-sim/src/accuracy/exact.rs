@@ -135,7 +135,7 @@ impl Scalar for Exact {
         Self(f64::from(raw) * quantum)
     }
 
-    fn from_knots(self, _quantum: f64) -> Self {
+    fn spline_signal(self, _quantum: f64) -> Self {
         self
     }
 

@@ -56,6 +56,8 @@ pub struct Accuracy {
     pub random: Errors,
     /// Adversarial ones.
     pub adversarial: Errors,
+    /// The same against f64 without saturations; for f32 no different.
+    pub adversarial_f64: Errors,
     /// Time, s, and torque errors of joint 1 and 2, N m, in closed loop.
     pub trace: Vec<(f64, [f64; 2])>,
 }
@@ -97,8 +99,7 @@ pub fn run_fixed(
             observe(measured, &command);
             Some(command)
         },
-    )
-    .map_err(RunError::from)?;
+    )?;
     Ok((run, *controller.saturations()))
 }
 
@@ -140,7 +141,9 @@ pub fn measure(
     let exact = float_coefficients::<f64>(plan, &hostile, limits);
     let adversarial = || adversarial_measurements(&ends);
     accuracies[0].adversarial = side_by_side(&table, &single, &exact, none, adversarial())?;
+    accuracies[0].adversarial_f64 = accuracies[0].adversarial;
     let fixed = &analysis.coefficients;
+    accuracies[1].adversarial_f64 = side_by_side(&table, fixed, &exact, total, adversarial())?;
     let (arm, rate) = (&plan.model.arm, plan.tick_rate_hz);
     let exact = Coefficients::<Exact>::new(arm, &hostile, limits, rate, &formats);
     accuracies[1].adversarial = side_by_side(&table, fixed, &exact, total, adversarial())?;
@@ -205,6 +208,7 @@ fn compare(number: &'static str, reference: &Run, run: &Run) -> Accuracy {
         effective_bits: bits[0].min(bits[1]),
         random: Errors::default(),
         adversarial: Errors::default(),
+        adversarial_f64: Errors::default(),
         trace,
     }
 }

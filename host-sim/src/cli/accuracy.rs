@@ -81,6 +81,7 @@ fn entry(a: &Accuracy) -> Map<String, Value> {
         ("effective_bits", json!(a.effective_bits)),
         ("random", trial(&a.random)),
         ("adversarial", trial(&a.adversarial)),
+        ("adversarial_f64", trial(&a.adversarial_f64)),
     ])
 }
 
@@ -112,11 +113,12 @@ fn table(accuracies: &[Accuracy]) -> comfy_table::Table {
 }
 
 /// The trials by name.
-fn trials(a: &Accuracy) -> [(&'static str, &Errors); 3] {
+fn trials(a: &Accuracy) -> [(&'static str, &Errors); 4] {
     [
         ("closed loop", &a.closed_loop),
         ("random", &a.random),
         ("adversarial", &a.adversarial),
+        ("the same, f64", &a.adversarial_f64),
     ]
 }
 

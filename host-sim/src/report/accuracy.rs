@@ -64,7 +64,7 @@ pub fn write_accuracy(
     write_file(page, &text)
 }
 
-fn rows(a: &Accuracy) -> [Row; 3] {
+fn rows(a: &Accuracy) -> [Row; 4] {
     let row = |trial, errors: &Errors, closed: bool| {
         let only = |value| if closed { number(value) } else { String::new() };
         Row {
@@ -84,5 +84,6 @@ fn rows(a: &Accuracy) -> [Row; 3] {
         row("closed loop", &a.closed_loop, true),
         row("random", &a.random, false),
         row("adversarial", &a.adversarial, false),
+        row("the same, f64", &a.adversarial_f64, false),
     ]
 }

@@ -41,7 +41,11 @@ pub(crate) fn accuracy_figures(accuracies: &[Accuracy]) -> Result<Vec<Figure>, R
         );
         Panel {
             heading: String::new(),
-            left: (axis, format!("torque {} error (uN m)", joint + 1), curves),
+            left: (
+                axis,
+                format!("torque {} error (\u{b5}N m)", joint + 1),
+                curves,
+            ),
             right: None,
             shaded: vec![],
         }
@@ -139,6 +143,7 @@ mod tests {
             effective_bits: 0.0,
             random: Default::default(),
             adversarial: Default::default(),
+            adversarial_f64: Default::default(),
             trace: vec![(0.0, [0.0, 1e-7]), (1.0, [3.0, f64::NAN])],
         };
         let shares: f64 = histogram(&accuracy)
