@@ -1,7 +1,7 @@
 //! The tick in fixed point: how exact it is, that nothing wraps or drifts, and what does
 //! not fit is refused by name.
 
-use host_sim::accuracy::{ends, measure};
+use host_sim::accuracy::{ends, measure, random_measurements};
 use host_sim::cases::{self, Mode};
 use host_sim::closed_loop::RunOptions;
 use host_sim::config;
@@ -97,6 +97,31 @@ fn random_and_adversarial_inputs_stay_within_the_stated_bound() {
     assert!(allowed < 1e-3, "{allowed}");
     // The trial has found the ends of the formats.
     assert!(fixed.adversarial.saturations > 1000);
+}
+
+#[test]
+fn admissible_measurements_saturate_nothing_but_torques_beyond_their_limits() {
+    let paper = &*PAPER;
+    let table = Table::open(&paper.image).unwrap();
+    let mut controller = Controller::with(&table, &paper.analysis.coefficients).unwrap();
+    let range = paper.analysis.admissible();
+    for measured in random_measurements(&range).take(10_000) {
+        let measured = Measurement::from_si(&measured, paper.analysis.formats());
+        let before = *controller.saturations();
+        let command = controller.tick(&measured);
+        let after = controller.saturations();
+        for joint in 0..2 {
+            if after.torque[joint] != before.torque[joint] {
+                assert_ne!(command.limiting[joint], Limiting::No);
+            }
+        }
+    }
+    let counts = controller.saturations();
+    assert_eq!(
+        counts.total(),
+        counts.torque[0] + counts.torque[1],
+        "{counts:?}"
+    );
 }
 
 #[test]
