@@ -3,7 +3,7 @@
 //!
 //! All of a tick is 32-bit integer arithmetic but for the sums of 64 bits in which filters
 //! and integral remember; nothing is divided, and no float operation is reachable. The
-//! only product is [`high_product`], the upper half of 32 by 32 bits: one instruction on a
+//! only product is `high_product`, the upper half of 32 by 32 bits: one instruction on a
 //! Cortex-M3, some twenty on a Cortex-M0, which has no long multiply.
 //!
 //! **Rounding.** Products round down: the result of a product with `up` is too small by 0
@@ -61,7 +61,7 @@ impl Exponent {
     }
 }
 
-/// A constant factor: [`high_product`] with the mantissa, then a left shift.
+/// A constant factor: `high_product` with the mantissa, then a left shift.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Gain {
     mantissa: i32,
@@ -125,7 +125,7 @@ fn high_product(a: i32, b: i32) -> i32 {
     }
 }
 
-/// [`high_product`] of 16-bit halves: four short multiplications where the compiler would
+/// `high_product` of 16-bit halves: four short multiplications where the compiler would
 /// call a 64-bit one.
 #[inline]
 fn high_product_of_halves(a: i32, b: i32) -> i32 {
