@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# setup-thumb.sh - a Rust toolchain with the Cortex-M4F target, and QEMU 10, on Debian 12,
+# setup-thumb.sh - a Rust toolchain with the Cortex-M targets, and QEMU 10, on Debian 12,
 # from Debian's own archive alone: for machines that reach a Debian mirror but not
 # rustup's servers (continuous integration behind a proxy, for one).
 #
 # A machine that reaches rustup's servers does not need the toolchain part; there it is:
-#     rustup target add thumbv7em-none-eabihf
+#     rustup target add thumbv7em-none-eabihf thumbv7m-none-eabi thumbv6m-none-eabi
 # `cargo xtask setup` chooses.
 #
 # What it does: takes Debian's rustc-web / cargo-web / rust-web-src packages
@@ -32,7 +32,7 @@ set -euo pipefail
 export RUSTUP_AUTO_INSTALL=0 # rustup is only asked to link a folder, never to fetch
 
 NAME=${THUMB_TOOLCHAIN:-thumb}
-TARGETS=${THUMB_TARGETS:-thumbv7em-none-eabihf}
+TARGETS=${THUMB_TARGETS:-thumbv7em-none-eabihf thumbv7m-none-eabi thumbv6m-none-eabi}
 BASE=${THUMB_HOME:-${XDG_DATA_HOME:-$HOME/.local/share}/thumb-rust}
 HOST=x86_64-unknown-linux-gnu
 WANT_QEMU=0

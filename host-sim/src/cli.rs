@@ -4,8 +4,10 @@
 //! result); 1 it could not be done (output not writable, a simulation that stopped
 //! early); 2 the command line or a file is at fault.
 
+mod accuracy;
 mod gains;
 
+use crate::accuracy::{AccuracyError, run_fixed};
 use crate::cases::{self, CASES, Mode, PLANTS};
 use crate::closed_loop::{self, Outcome, Run, RunError, RunOptions};
 use crate::config::{self, ArmConfig, ConfigError};
@@ -13,6 +15,7 @@ use crate::export;
 use crate::knots::{self, EncodedTable};
 use crate::plan::{self, Equations, Plan, PlanError, PlanOptions, Task};
 use crate::plant::{PlantParameters, Start};
+use crate::ranges::{self, RangeError};
 use crate::report;
 use crate::stability::StabilityError;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -61,6 +64,11 @@ enum Command {
         after_help = "Example: host-sim gains --controller examples/controller.toml --out out/gains\n\nWrites report.html, figures and summary.json. `host-sim gains tune` finds gains."
     )]
     Gains(Box<gains::GainsArgs>),
+    /// Compares the controller's number types with f64.
+    #[command(
+        after_help = "Example: host-sim accuracy --out out/accuracy\n\nThe task in closed loop, random and adversarial measurements. Writes summary.json, accuracy.csv, figures and report.html."
+    )]
+    Accuracy(accuracy::AccuracyArgs),
 }
 
 /// Files and places that every command takes.
@@ -166,6 +174,8 @@ enum StartArg {
 enum NumberArg {
     F32,
     F64,
+    /// Fixed point of 32 bits
+    Fixed,
 }
 
 /// Why a command failed.
@@ -196,6 +206,8 @@ enum CliError {
     #[error(transparent)]
     Run(#[from] RunError),
     #[error(transparent)]
+    Range(#[from] RangeError),
+    #[error(transparent)]
     Report(#[from] report::ReportError),
     #[error(transparent)]
     Stability(#[from] StabilityError),
@@ -219,6 +231,15 @@ enum CliError {
     Stdout(io::Error),
 }
 
+impl From<AccuracyError> for CliError {
+    fn from(error: AccuracyError) -> Self {
+        match error {
+            AccuracyError::Range(error) => Self::Range(error),
+            AccuracyError::Run(error) => Self::Run(error),
+        }
+    }
+}
+
 impl CliError {
     /// 2 where the user's input is at fault, 1 elsewhere.
     fn exit_code(&self) -> u8 {
@@ -231,6 +252,7 @@ impl CliError {
             | Self::Unreadable { .. }
             | Self::At { .. }
             | Self::Margin { .. }
+            | Self::Range(_)
             | Self::Run(_) => 2,
             // No gains found, or the optimiser's failure, is none of the user's.
             Self::Stability(StabilityError::NotTuned { .. } | StabilityError::Optimiser(_)) => 1,
@@ -258,6 +280,7 @@ pub fn main() -> u8 {
         Some(Command::Plan(args)) => plan_command(&args),
         Some(Command::Run(args)) => run_command(&args),
         Some(Command::Gains(args)) => gains::command(&args),
+        Some(Command::Accuracy(args)) => accuracy::accuracy(&args),
     };
     match result {
         Ok(()) => 0,
@@ -487,9 +510,13 @@ fn run_command(args: &RunArgs) -> Result<(), CliError> {
         gains::warn(plan, &plant, &law);
     }
     let since = Instant::now();
-    let run = match args.number {
-        NumberArg::F32 => closed_loop::run::<f32>(plan, image, &options)?,
-        NumberArg::F64 => closed_loop::run::<f64>(plan, image, &options)?,
+    let (run, saturations) = match args.number {
+        NumberArg::F32 => (closed_loop::run::<f32>(plan, image, &options)?, None),
+        NumberArg::F64 => (closed_loop::run::<f64>(plan, image, &options)?, None),
+        NumberArg::Fixed => {
+            let (run, saturations) = run_fixed(plan, image, &options, |_, _| {})?;
+            (run, Some(saturations))
+        }
     };
     let run_ms = since.elapsed().as_secs_f64() * 1e3;
 
@@ -497,6 +524,12 @@ fn run_command(args: &RunArgs) -> Result<(), CliError> {
     summary.extend(planned.json());
     summary.insert("run_ms".into(), json!(run_ms));
     summary.insert("plant_elements".into(), json!(run.elements));
+    if let Some(saturations) = saturations {
+        summary.insert("saturations".into(), json!(saturations.total()));
+        for (signal, count) in saturations.entries() {
+            summary.insert(format!("saturations_{signal}"), json!(count));
+        }
+    }
     let summary = Value::Object(summary);
     output.write("plan.csv", |w| export::plan_csv(plan, w))?;
     output.write("table.bin", |w| w.write_all(image))?;
@@ -518,6 +551,14 @@ fn run_command(args: &RunArgs) -> Result<(), CliError> {
         "simulated in".into(),
         format!("{run_ms:.0} ms, plant with {} elements", run.elements),
     ));
+    if let Some(saturations) = saturations {
+        let analysis = ranges::analyse(plan, image, &options.law, &options.limits)?;
+        facts.extend(accuracy::format_facts(&analysis));
+        facts.push((
+            "fixed point: saturations".into(),
+            saturations.total().to_string(),
+        ));
+    }
     report::write_figures(&args.out, &cases)?;
     report::write_html(&args.out.join("report.html"), "Flexor: run", &cases, &facts)?;
 

@@ -3,10 +3,11 @@
 
 use crate::plan::Plan;
 use crate::plant::{Plant, PlantError, PlantParameters, Reading, Start};
-use shared::controller::{Command, Controller};
+use shared::controller::{Command, Controller, Mismatch};
 use shared::guard::{LimitParameters, Limiting};
 use shared::law::{LawParameters, Measurement};
-use shared::number::Number;
+use shared::number::Scalar;
+use shared::signals::Formats;
 use shared::table::{Table, TableError};
 
 /// Tip error, m, beyond which a run counts as having lost its path: a tenth of the
@@ -133,28 +134,35 @@ pub enum RunError {
     /// The table is not for this arm.
     #[error(transparent)]
     Table(#[from] TableError),
+    /// The table is not for these coefficients.
+    #[error(transparent)]
+    Mismatch(#[from] Mismatch),
     /// No plant.
     #[error(transparent)]
     Plant(#[from] PlantError),
 }
 
-/// The plant's reading in the controller's number type.
-pub fn measurement<T: Number>(reading: &Reading) -> Measurement<T> {
+/// The plant's reading as the measurement of perfect sensors, SI.
+fn measurement(reading: &Reading) -> Measurement<f64> {
     Measurement {
-        angle: reading.angle.map(T::from_f64),
-        root_slope: T::from_f64(reading.root_slope),
-        root_slope_rate: T::from_f64(reading.root_slope_rate),
-        force: T::from_f64(reading.force),
+        angle: reading.angle,
+        root_slope: reading.root_slope,
+        root_slope_rate: reading.root_slope_rate,
+        force: reading.force,
         drive: [Limiting::No; 2],
     }
 }
 
-/// Runs the controller, in number type `T`, on `image` (the plan's table) against a
-/// plant, from the plan's first tick to its last.
+/// Runs the controller, in floating-point type `T`, on `image` (the plan's table) against
+/// a plant, from the plan's first tick to its last.
 ///
 /// # Errors
 /// [`RunError`], before the first tick; what happens later is the [`Outcome`].
-pub fn run<T: Number>(plan: &Plan, image: &[u8], options: &RunOptions) -> Result<Run, RunError> {
+pub fn run<T: Scalar<Format = ()>>(
+    plan: &Plan,
+    image: &[u8],
+    options: &RunOptions,
+) -> Result<Run, RunError> {
     run_with::<T>(plan, image, options, |_, _| {})
 }
 
@@ -162,7 +170,7 @@ pub fn run<T: Number>(plan: &Plan, image: &[u8], options: &RunOptions) -> Result
 ///
 /// # Errors
 /// As [`run`].
-pub fn run_with<T: Number>(
+pub fn run_with<T: Scalar<Format = ()>>(
     plan: &Plan,
     image: &[u8],
     options: &RunOptions,
@@ -179,15 +187,30 @@ pub fn run_with<T: Number>(
 ///
 /// # Errors
 /// As [`run`].
-pub fn run_through<T: Number>(
+pub fn run_through<T: Scalar<Format = ()>>(
     plan: &Plan,
     image: &[u8],
     options: &RunOptions,
-    mut answer: impl FnMut(&Measurement<T>, Command<T>) -> Option<Command<T>>,
+    answer: impl FnMut(&Measurement<T>, Command<T>) -> Option<Command<T>>,
 ) -> Result<Run, RunError> {
     let table = Table::open(image)?;
     let mut controller =
         Controller::<T>::new(&table, &plan.model.arm, &options.law, &options.limits)?;
+    run_controller(plan, &mut controller, &Formats::default(), options, answer)
+}
+
+/// As [`run_through`], with a given controller of any number type, whose law and limits
+/// count instead of the options'.
+///
+/// # Errors
+/// [`PlantError`], before the first tick.
+pub fn run_controller<T: Scalar>(
+    plan: &Plan,
+    controller: &mut Controller<'_, T>,
+    formats: &Formats<T::Format>,
+    options: &RunOptions,
+    mut answer: impl FnMut(&Measurement<T>, Command<T>) -> Option<Command<T>>,
+) -> Result<Run, RunError> {
     let mut plant = Plant::new(plan, &options.plant, options.start)?;
     let mut rows = Vec::with_capacity(plan.points.len());
     let mut shapes = Vec::with_capacity(plan.points.len() / SHAPE_STRIDE + 1);
@@ -199,12 +222,12 @@ pub fn run_through<T: Number>(
         if !in_reach(&reading, plan) {
             break;
         }
-        let measured = measurement::<T>(&reading);
+        let measured = Measurement::from_si(&measurement(&reading), formats);
         let Some(command) = answer(&measured, controller.tick(&measured)) else {
             break;
         };
         fault = command.fault;
-        held = command.torque.map(Number::to_f64);
+        held = [0, 1].map(|joint| command.torque[joint].to_si(formats.torque[joint]));
         rows.push(LogRow {
             t: point.t,
             reading,
@@ -212,7 +235,7 @@ pub fn run_through<T: Number>(
             force_reference: plan.task.normal_force,
             torque: held,
             limiting: command.limiting,
-            integral: controller.state().integral.to_f64(),
+            integral: T::of_sum(controller.state().integral).to_si(formats.force),
         });
         if tick % SHAPE_STRIDE == 0 {
             let q = crate::dynamics::State(plant.state()).q();

@@ -16,10 +16,13 @@
 //! | [`plant`] | the simulated arm |
 //! | [`closed_loop`] | controller and plant in lock-step |
 //! | [`stability`] | the sampled loop along the path, margins, tuning |
+//! | [`ranges`] | range analysis for fixed point |
+//! | [`accuracy`] | how exact f32 and fixed point are |
 //! | [`cases`] | the demo's cases |
 //! | [`export`], [`report`] | results as CSV and JSON, pictures and a page |
 //! | [`cli`] | the command line |
 
+pub mod accuracy;
 pub mod cases;
 pub mod cli;
 pub mod closed_loop;
@@ -33,6 +36,7 @@ pub mod model;
 pub mod pil;
 pub mod plan;
 pub mod plant;
+pub mod ranges;
 pub mod report;
 pub mod stability;
 #[cfg(test)]

@@ -590,3 +590,63 @@ fn tuned_gains_are_written_as_a_controller() {
     ]));
     assert_eq!(result["gain_margin_dB"], first["gain_margin_dB"]);
 }
+
+#[test]
+fn accuracy_comes_as_json_figures_and_a_page() {
+    let out = folder("accuracy");
+    let out = out.to_str().unwrap();
+    let result = json(&host_sim(&["accuracy", "--json", "--out", out]));
+    for (number, factor) in [("f32", 100.0), ("fixed", 1.0)] {
+        let is = |key: &str| result[number][key].as_f64().unwrap();
+        assert!(is("torque_error_rms_Nm") <= 2e-4 / factor);
+        assert!(is("torque_error_max_Nm") <= 1e-3 / factor);
+        assert!(is("force_difference_max_N") <= 2e-3 / factor);
+        assert_eq!(is("saturations"), 0.0);
+        assert_eq!(result[number]["random"]["ticks"], 100_000);
+    }
+    for file in [
+        "report.html",
+        "summary.json",
+        "accuracy.csv",
+        "accuracy_time.svg",
+        "accuracy_histogram.svg",
+    ] {
+        let size = std::fs::metadata(Path::new(out).join(file)).unwrap().len();
+        assert!(size > 500, "{file} has {size} bytes");
+    }
+}
+
+#[test]
+fn a_run_in_fixed_point_counts_saturations_and_refuses_what_does_not_fit() {
+    let out = folder("fixed");
+    let out = out.to_str().unwrap();
+    let result = json(&host_sim(&[
+        "run",
+        "--json",
+        "--number",
+        "fixed",
+        "--plant-elements",
+        "3",
+        "--out",
+        out,
+    ]));
+    assert_eq!(result["outcome"], "completed");
+    assert_eq!(result["saturations"], 0);
+    assert_eq!(result["saturations_integral"], 0);
+    let file = Path::new(out).join("controller.toml");
+    let gains = "K_DF_s = 0.0\nK_PF = 0.0\nK_IF_per_s = 1e-6\nK_w_Nms_rad = 0.1\n";
+    std::fs::write(&file, gains).unwrap();
+    let file = file.to_str().unwrap();
+    let refused = host_sim(&[
+        "run",
+        "--number",
+        "fixed",
+        "--controller",
+        file,
+        "--out",
+        out,
+    ]);
+    assert_eq!(refused.status.code(), Some(2));
+    let message = String::from_utf8(refused.stderr).unwrap();
+    assert!(message.contains("K_IF_per_s = 0.000001"), "{message}");
+}

@@ -10,8 +10,11 @@
 use crate::arm::ArmParameters;
 use crate::guard::{Fault, Guard, LimitParameters, Limiting};
 use crate::law::{Law, LawParameters, LawState, Measurement};
-use crate::number::Number;
+use crate::number::Scalar;
+use crate::signals::{Formats, Saturations};
 use crate::table::{Cursor, Reference, Table, TableError};
+use core::fmt;
+use serde::{Deserialize, Serialize};
 
 /// What the controller answers to a measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,20 +31,104 @@ pub struct Command<T> {
     pub fault: Option<Fault>,
 }
 
-/// The controller: coefficients, table cursor and state.
-#[derive(Clone, Debug)]
-pub struct Controller<'a, T> {
+/// All that a controller needs beside its table, in the tick's number type: prepared on
+/// the host, so that a microcontroller without floating point can do without.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "")]
+pub struct Coefficients<T: Scalar> {
+    /// Fingerprint of the arm that they are for.
+    pub arm_fingerprint: u32,
+    /// Tick rate that they are for, Hz.
+    pub tick_rate_hz: u32,
+    /// Formats of the signals.
+    pub formats: Formats<T::Format>,
     law: Law<T>,
     guard: Guard<T>,
-    start: Cursor<'a, T>,
-    cursor: Cursor<'a, T>,
-    state: LawState<T>,
-    previous: Option<[T; 2]>,
-    fault: Option<Fault>,
 }
 
-impl<'a, T: Number> Controller<'a, T> {
-    /// A controller at the table's first tick. The tick rate is the table's.
+impl<T: Scalar> Coefficients<T> {
+    /// The coefficients for an arm at a tick rate, with signals of the given formats.
+    pub fn new(
+        arm: &ArmParameters,
+        law: &LawParameters,
+        limits: &LimitParameters,
+        tick_rate_hz: u32,
+        formats: &Formats<T::Format>,
+    ) -> Self {
+        Self {
+            arm_fingerprint: arm.fingerprint(),
+            tick_rate_hz,
+            formats: *formats,
+            law: Law::in_formats(law, arm, tick_rate_hz, formats),
+            guard: Guard::in_formats(limits, tick_rate_hz, formats.torque),
+        }
+    }
+
+    /// The law's coefficients.
+    pub fn law(&self) -> &Law<T> {
+        &self.law
+    }
+}
+
+/// Why coefficients and a table do not go together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mismatch {
+    /// The table is for another arm.
+    Table(TableError),
+    /// The coefficients are for another tick rate.
+    TickRate {
+        /// The coefficients', Hz.
+        expected: u32,
+        /// The table's, Hz.
+        found: u32,
+    },
+    /// A column of the table may exceed its signal's format.
+    Range {
+        /// The column's position.
+        column: usize,
+    },
+}
+
+impl From<TableError> for Mismatch {
+    fn from(error: TableError) -> Self {
+        Self::Table(error)
+    }
+}
+
+impl fmt::Display for Mismatch {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Table(error) => error.fmt(f),
+            Self::TickRate { expected, found } => write!(
+                f,
+                "coefficients are for {expected} Hz, the table for {found} Hz"
+            ),
+            Self::Range { column } => write!(
+                f,
+                "table column {column} may exceed its signal's fixed-point format"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for Mismatch {}
+
+/// The controller: coefficients, table cursor and state.
+#[derive(Clone, Debug)]
+pub struct Controller<'a, T: Scalar> {
+    law: Law<T>,
+    guard: Guard<T>,
+    table: Table<'a>,
+    cursor: Cursor<'a, T>,
+    state: LawState<T::Sum>,
+    previous: Option<[T; 2]>,
+    fault: Option<Fault>,
+    saturations: Saturations<T::Count>,
+}
+
+impl<'a, T: Scalar<Format = ()>> Controller<'a, T> {
+    /// A controller in floating point at the table's first tick. The tick rate is the
+    /// table's.
     ///
     /// # Errors
     /// [`TableError::Fingerprint`] if the table was planned for another arm.
@@ -52,25 +139,55 @@ impl<'a, T: Number> Controller<'a, T> {
         limits: &LimitParameters,
     ) -> Result<Self, TableError> {
         table.check_arm(arm.fingerprint())?;
-        let header = table.header();
-        let cursor = table.cursor();
-        Ok(Self {
-            law: Law::new(law, arm, header.tick_rate_hz),
-            guard: Guard::new(limits, header.tick_rate_hz),
-            start: cursor.clone(),
+        let rate = table.header().tick_rate_hz;
+        let law = Law::new(law, arm, rate);
+        let guard = Guard::new(limits, rate);
+        Ok(Self::starting(law, guard, table, table.cursor()))
+    }
+}
+
+impl<'a, T: Scalar> Controller<'a, T> {
+    /// A controller in any number type at the table's first tick.
+    ///
+    /// # Errors
+    /// [`Mismatch`] if table and coefficients do not go together.
+    pub fn with(table: &Table<'a>, coefficients: &Coefficients<T>) -> Result<Self, Mismatch> {
+        table.check_arm(coefficients.arm_fingerprint)?;
+        let (expected, found) = (coefficients.tick_rate_hz, table.header().tick_rate_hz);
+        if expected != found {
+            return Err(Mismatch::TickRate { expected, found });
+        }
+        let cursor = table
+            .cursor_in(&coefficients.formats.reference())
+            .map_err(|column| Mismatch::Range { column })?;
+        Ok(Self::starting(
+            coefficients.law,
+            coefficients.guard,
+            table,
+            cursor,
+        ))
+    }
+
+    fn starting(law: Law<T>, guard: Guard<T>, table: &Table<'a>, cursor: Cursor<'a, T>) -> Self {
+        Self {
+            law,
+            guard,
+            table: *table,
             cursor,
             state: LawState::default(),
             previous: None,
             fault: None,
-        })
+            saturations: Saturations::default(),
+        }
     }
 
-    /// Back to the table's first tick, with nothing remembered and no fault.
+    /// Back to the table's first tick, with nothing remembered, no fault and no saturation.
     pub fn restart(&mut self) {
-        self.cursor = self.start.clone();
+        self.cursor.restart(&self.table);
         self.state = LawState::default();
         self.previous = None;
         self.fault = None;
+        self.saturations = Saturations::default();
     }
 
     /// Latches a fault that was found outside the controller, unless one is latched
@@ -85,8 +202,13 @@ impl<'a, T: Number> Controller<'a, T> {
     }
 
     /// What the law remembers; for logs.
-    pub fn state(&self) -> &LawState<T> {
+    pub fn state(&self) -> &LawState<T::Sum> {
         &self.state
+    }
+
+    /// How often each signal has saturated since the start.
+    pub fn saturations(&self) -> &Saturations<T::Count> {
+        &self.saturations
     }
 
     /// One control period: torques for what was measured.
@@ -102,7 +224,9 @@ impl<'a, T: Number> Controller<'a, T> {
         let mut torque = [T::ZERO; 2];
         let mut limiting = [Limiting::No; 2];
         if self.fault.is_none() {
-            let proposal = self.law.propose(&mut self.state, &reference, measured);
+            let proposal =
+                self.law
+                    .propose(&mut self.state, &reference, measured, &mut self.saturations);
             match self.guard.limit(self.previous, proposal.torque) {
                 Ok((given, limited)) => {
                     torque = given;

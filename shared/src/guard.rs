@@ -4,7 +4,7 @@
 //! limit in action is reported as [`Limiting`] so that the integrator upstream can
 //! stop; an undefined torque is a [`Fault`], latched by the controller.
 
-use crate::number::Number;
+use crate::number::Scalar;
 use core::fmt;
 use serde::{Deserialize, Serialize};
 
@@ -116,20 +116,28 @@ pub struct LimitParameters {
 }
 
 /// The limits in the tick's number type.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Guard<T> {
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "")]
+pub struct Guard<T: Scalar> {
     torque: [T; 2],
     step: [T; 2],
 }
 
-impl<T: Number> Guard<T> {
-    /// The limits at `tick_rate_hz`.
+impl<T: Scalar<Format = ()>> Guard<T> {
+    /// The limits at `tick_rate_hz`, in floating point.
     pub fn new(limits: &LimitParameters, tick_rate_hz: u32) -> Self {
+        Self::in_formats(limits, tick_rate_hz, [(); 2])
+    }
+}
+
+impl<T: Scalar> Guard<T> {
+    /// The limits at `tick_rate_hz`, for torques of the given formats. Limits beyond a
+    /// format's range are at its end.
+    pub fn in_formats(limits: &LimitParameters, tick_rate_hz: u32, torque: [T::Format; 2]) -> Self {
+        let rate = f64::from(tick_rate_hz);
         Self {
-            torque: limits.torque_nm.map(T::from_f64),
-            step: limits
-                .torque_rate_nm_s
-                .map(|rate| T::from_f64(rate / f64::from(tick_rate_hz))),
+            torque: [0, 1].map(|i| T::from_si(limits.torque_nm[i], torque[i])),
+            step: [0, 1].map(|i| T::from_si(limits.torque_rate_nm_s[i] / rate, torque[i])),
         }
     }
 
@@ -148,12 +156,14 @@ impl<T: Number> Guard<T> {
         let mut given = wanted;
         let mut limiting = [Limiting::No; 2];
         for joint in 0..2 {
-            let (mut low, mut high) = (-self.torque[joint], self.torque[joint]);
+            let (mut low, mut high) = (self.torque[joint].negative(), self.torque[joint]);
             if let Some(previous) = previous {
                 // The previous torque was within its limit, so low stays below high.
+                // A sum that saturates lies beyond the torque limit, so it need not be counted.
                 let step = self.step[joint];
-                low = low.larger(previous[joint] - step);
-                high = high.smaller(previous[joint] + step);
+                let count = &mut T::Count::default();
+                low = low.larger(previous[joint].minus(step, count));
+                high = high.smaller(previous[joint].plus(step, count));
             }
             if wanted[joint] < low {
                 (given[joint], limiting[joint]) = (low, Limiting::FromBelow);

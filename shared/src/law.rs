@@ -33,9 +33,10 @@
 //! Coefficients ([`Law`]) and state ([`LawState`]) are apart, so a state can be
 //! reset, copied or compared without touching the gains.
 
-use crate::arm::{ArmParameters, Kinematics};
+use crate::arm::ArmParameters;
 use crate::guard::Limiting;
-use crate::number::Number;
+use crate::number::Scalar;
+use crate::signals::{Formats, Saturations};
 use crate::table::Reference;
 use crate::trig;
 use serde::{Deserialize, Serialize};
@@ -113,7 +114,7 @@ pub struct Measurement<T> {
     pub drive: [Limiting; 2],
 }
 
-impl<T: Number> Measurement<T> {
+impl<T: Scalar> Measurement<T> {
     /// True when every number is finite.
     pub fn is_finite(&self) -> bool {
         T::all_finite([
@@ -124,82 +125,193 @@ impl<T: Number> Measurement<T> {
             self.force,
         ])
     }
+
+    /// The measurement in the tick's number type; saturates at the formats' ranges.
+    pub fn from_si(si: &Measurement<f64>, formats: &Formats<T::Format>) -> Self {
+        Self {
+            angle: si.angle.map(|x| T::from_si(x, formats.angle)),
+            root_slope: T::from_si(si.root_slope, formats.root_slope),
+            root_slope_rate: T::from_si(si.root_slope_rate, formats.slope_rate),
+            force: T::from_si(si.force, formats.force),
+            drive: si.drive,
+        }
+    }
+
+    /// The measurement in SI units.
+    pub fn to_si(&self, formats: &Formats<T::Format>) -> Measurement<f64> {
+        Measurement {
+            angle: self.angle.map(|x| x.to_si(formats.angle)),
+            root_slope: self.root_slope.to_si(formats.root_slope),
+            root_slope_rate: self.root_slope_rate.to_si(formats.slope_rate),
+            force: self.force.to_si(formats.force),
+            drive: self.drive,
+        }
+    }
 }
 
 /// The law's coefficients in the tick's number type.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Law<T> {
-    link1_length: T,
-    link2_length: T,
-    derivative_per_tick: T,
-    proportional: T,
-    integral_per_tick: T,
-    slope_rate: T,
-    force_filter: T,
-    slope_rate_filter: T,
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "")]
+pub struct Law<T: Scalar> {
+    link1_length: T::Gain,
+    link2_length: T::Gain,
+    derivative_per_tick: T::Gain,
+    proportional: T::Gain,
+    integral_per_tick: T::Weight,
+    slope_rate: T::Gain,
+    /// `None` without a filter.
+    force_filter: Option<T::Weight>,
+    slope_rate_filter: Option<T::Weight>,
     projection: ForceProjection,
-    /// Share of the planned slope rate that is subtracted: 1, or 0 as printed.
-    planned_slope_rate: T,
-    feedforward: T,
+    slope_rate_feedback: SlopeRateFeedback,
+    feedforward: bool,
+    /// What takes angles into sines, and products of lever and force into torques.
+    turn: T::Turn,
+    torque: [T::Shift; 2],
 }
 
 /// What the law remembers from tick to tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct LawState<T> {
+pub struct LawState<S> {
     /// Filtered force error, N; `None` before the first tick, which must not
     /// differentiate the step from nothing.
-    pub filtered_error: Option<T>,
+    pub filtered_error: Option<S>,
     /// K_IF times the force error's integral, N.
-    pub integral: T,
+    pub integral: S,
     /// Filtered root slope rate that K_w acts on, rad/s; `None` before the first tick.
-    pub filtered_slope_rate: Option<T>,
+    pub filtered_slope_rate: Option<S>,
 }
 
 /// Torques that the law asks for, before any limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Proposal<T> {
+pub struct Proposal<T: Scalar> {
     /// (tau1, tau2), N m.
     pub torque: [T; 2],
     /// (s1, s2), m.
     pub projection: [T; 2],
     /// What this tick added to the integral, N.
-    pub increment: T,
+    pub increment: T::Sum,
+    /// The integral without it.
+    pub integral_before: T::Sum,
 }
 
-impl<T: Number> Law<T> {
-    /// Coefficients for `arm` at `tick_rate_hz`.
+/// What a law's coefficients are after rounding, for checks on the host.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Coefficient {
+    /// The key of `controller.toml` or `arm.toml` that it comes from.
+    pub name: &'static str,
+    /// What it should be.
+    pub wanted: f64,
+    /// What it is.
+    pub is: f64,
+}
+
+/// The first-order filters' coefficient for a corner.
+fn filter_weight(corner_hz: f64, rate_hz: f64) -> f64 {
+    let angle = core::f64::consts::TAU * corner_hz / rate_hz;
+    angle / (1.0 + angle)
+}
+
+impl<T: Scalar<Format = ()>> Law<T> {
+    /// Coefficients for `arm` at `tick_rate_hz`, in floating point.
     pub fn new(parameters: &LawParameters, arm: &ArmParameters, tick_rate_hz: u32) -> Self {
+        Self::in_formats(parameters, arm, tick_rate_hz, &Formats::default())
+    }
+}
+
+impl<T: Scalar> Law<T> {
+    /// Coefficients for `arm` at `tick_rate_hz` and signals of the given formats. Those
+    /// that a format cannot take saturate: see [`coefficients`](Self::coefficients).
+    pub fn in_formats(
+        parameters: &LawParameters,
+        arm: &ArmParameters,
+        tick_rate_hz: u32,
+        formats: &Formats<T::Format>,
+    ) -> Self {
         let rate = f64::from(tick_rate_hz);
-        let filter = |corner_hz: Option<f64>| {
-            corner_hz.map_or(1.0, |corner| {
-                let angle = core::f64::consts::TAU * corner / rate;
-                angle / (1.0 + angle)
-            })
-        };
-        let Kinematics {
-            link1_length,
-            link2_length,
-        } = Kinematics::<f64>::new(arm);
+        let filter =
+            |corner_hz: Option<f64>| corner_hz.map(|hz| T::weight(filter_weight(hz, rate)));
+        let force = |gain| T::gain(gain, formats.force, formats.force);
+        let lever = |length| T::gain(length, T::SINE, formats.lever);
         Self {
-            link1_length: T::from_f64(link1_length),
-            link2_length: T::from_f64(link2_length),
-            derivative_per_tick: T::from_f64(parameters.force_derivative_s * rate),
-            proportional: T::from_f64(parameters.force_proportional),
-            integral_per_tick: T::from_f64(parameters.force_integral_per_s / rate),
-            slope_rate: T::from_f64(parameters.slope_rate_nms_rad),
-            force_filter: T::from_f64(filter(parameters.force_filter_hz)),
-            slope_rate_filter: T::from_f64(filter(parameters.slope_rate_filter_hz)),
+            link1_length: lever(arm.link1_length_m),
+            link2_length: lever(arm.link2_length_m),
+            derivative_per_tick: force(parameters.force_derivative_s * rate),
+            proportional: force(parameters.force_proportional),
+            integral_per_tick: T::weight(parameters.force_integral_per_s / rate),
+            slope_rate: T::gain(
+                parameters.slope_rate_nms_rad,
+                formats.slope_rate,
+                formats.torque[1],
+            ),
+            force_filter: filter(parameters.force_filter_hz),
+            slope_rate_filter: filter(parameters.slope_rate_filter_hz),
             projection: parameters.force_projection,
-            planned_slope_rate: match parameters.slope_rate_feedback {
-                SlopeRateFeedback::Deviation => T::ONE,
-                SlopeRateFeedback::AsPrinted => T::ZERO,
-            },
-            feedforward: if parameters.feedforward {
-                T::ONE
-            } else {
-                T::ZERO
-            },
+            slope_rate_feedback: parameters.slope_rate_feedback,
+            feedforward: parameters.feedforward,
+            turn: T::turn(formats.angle),
+            torque: formats
+                .torque
+                .map(|torque| T::shift(formats.lever, formats.force, torque)),
         }
+    }
+
+    /// The coefficients after rounding, beside what they were made from.
+    pub fn coefficients(
+        &self,
+        parameters: &LawParameters,
+        arm: &ArmParameters,
+        tick_rate_hz: u32,
+        formats: &Formats<T::Format>,
+    ) -> [Coefficient; 8] {
+        let rate = f64::from(tick_rate_hz);
+        let force = |gain| T::gain_value(gain, formats.force, formats.force);
+        let lever = |gain| T::gain_value(gain, T::SINE, formats.lever);
+        let filter = |corner_hz: Option<f64>| corner_hz.map_or(0.0, |hz| filter_weight(hz, rate));
+        let filtered = |weight: Option<T::Weight>| weight.map_or(0.0, T::weight_value);
+        [
+            (
+                "link1.length_m",
+                arm.link1_length_m,
+                lever(self.link1_length),
+            ),
+            (
+                "link2.length_m",
+                arm.link2_length_m,
+                lever(self.link2_length),
+            ),
+            (
+                "K_DF_s",
+                parameters.force_derivative_s,
+                force(self.derivative_per_tick) / rate,
+            ),
+            (
+                "K_PF",
+                parameters.force_proportional,
+                force(self.proportional),
+            ),
+            (
+                "K_IF_per_s",
+                parameters.force_integral_per_s,
+                T::weight_value(self.integral_per_tick) * rate,
+            ),
+            (
+                "K_w_Nms_rad",
+                parameters.slope_rate_nms_rad,
+                T::gain_value(self.slope_rate, formats.slope_rate, formats.torque[1]),
+            ),
+            (
+                "force_filter_Hz",
+                filter(parameters.force_filter_hz),
+                filtered(self.force_filter),
+            ),
+            (
+                "slope_rate_filter_Hz",
+                filter(parameters.slope_rate_filter_hz),
+                filtered(self.slope_rate_filter),
+            ),
+        ]
+        .map(|(name, wanted, is)| Coefficient { name, wanted, is })
     }
 
     /// Torques for a measurement, and the integral's increment, already part of the
@@ -207,57 +319,132 @@ impl<T: Number> Law<T> {
     #[inline]
     pub fn propose(
         &self,
-        state: &mut LawState<T>,
+        state: &mut LawState<T::Sum>,
         reference: &Reference<T>,
         measured: &Measurement<T>,
+        saturations: &mut Saturations<T::Count>,
     ) -> Proposal<T> {
-        let error = reference.force - measured.force;
-        let before = state.filtered_error.unwrap_or(error);
-        let filtered = before + self.force_filter * (error - before);
-        let increment = self.integral_per_tick * error;
-        state.filtered_error = Some(filtered);
-        state.integral += increment;
-        let correction = self.derivative_per_tick * (filtered - before)
-            + self.proportional * filtered
-            + state.integral;
+        let error = reference
+            .force
+            .minus(measured.force, &mut saturations.force);
+        let (before, filtered) = low_pass(
+            &mut state.filtered_error,
+            self.force_filter,
+            error,
+            &mut saturations.force,
+        );
+        let increment = error.weighted(self.integral_per_tick);
+        let integral_before = state.integral;
+        state.integral = T::accumulated(integral_before, increment, &mut saturations.integral);
+        let count = &mut saturations.correction;
+        let correction = filtered
+            .minus(before, count)
+            .scaled(self.derivative_per_tick, count)
+            .plus(filtered.scaled(self.proportional, count), count)
+            .plus(T::of_sum(state.integral), count);
 
-        let lever1 = self.link1_length * trig::sin(reference.normal_angle - measured.angle[0]);
-        let lever2 = self.link2_length * trig::sin(reference.normal_angle - measured.angle[1]);
+        let (normal, count) = (reference.normal_angle, &mut saturations.angle);
+        let [first, second] = measured.angle;
+        let lever1 = lever(self.link1_length, normal, first, self.turn, count);
+        let lever2 = lever(self.link2_length, normal, second, self.turn, count);
         let s2 = match self.projection {
             ForceProjection::JacobianTranspose => lever2,
             ForceProjection::AsPrinted => lever1,
         };
-        let projection = [lever1 + lever2, s2];
+        let projection = [lever1.plus_in_range(lever2), s2];
 
-        let slope_rate =
-            measured.root_slope_rate - self.planned_slope_rate * reference.root_slope_rate;
-        let before = state.filtered_slope_rate.unwrap_or(slope_rate);
-        let slope_rate = before + self.slope_rate_filter * (slope_rate - before);
-        state.filtered_slope_rate = Some(slope_rate);
+        let slope_rate = match self.slope_rate_feedback {
+            SlopeRateFeedback::Deviation => measured
+                .root_slope_rate
+                .minus(reference.root_slope_rate, &mut saturations.slope_rate),
+            SlopeRateFeedback::AsPrinted => measured.root_slope_rate,
+        };
+        let (_, slope_rate) = low_pass(
+            &mut state.filtered_slope_rate,
+            self.slope_rate_filter,
+            slope_rate,
+            &mut saturations.slope_rate,
+        );
+        let mut torque = [0, 1].map(|joint| {
+            let count = &mut saturations.torque[joint];
+            let feedback = projection[joint].times(correction, self.torque[joint], count);
+            if self.feedforward {
+                feedback.plus(reference.torque[joint], count)
+            } else {
+                feedback
+            }
+        });
+        let count = &mut saturations.torque[1];
+        torque[1] = torque[1].minus(slope_rate.scaled(self.slope_rate, count), count);
         Proposal {
-            torque: [
-                self.feedforward * reference.torque[0] + projection[0] * correction,
-                self.feedforward * reference.torque[1] + projection[1] * correction
-                    - self.slope_rate * slope_rate,
-            ],
+            torque,
             projection,
             increment,
+            integral_before,
         }
     }
 
     /// Tells the law which joints were limited in this tick. Takes the integral's
     /// increment back when it pushed any of them farther into its limit.
     #[inline]
-    pub fn settle(&self, state: &mut LawState<T>, proposal: &Proposal<T>, limiting: [Limiting; 2]) {
-        let pushed = |joint: usize| match limiting[joint] {
-            Limiting::No => false,
-            Limiting::FromAbove => proposal.projection[joint] * proposal.increment > T::ZERO,
-            Limiting::FromBelow => proposal.projection[joint] * proposal.increment < T::ZERO,
+    pub fn settle(
+        &self,
+        state: &mut LawState<T::Sum>,
+        proposal: &Proposal<T>,
+        limiting: [Limiting; 2],
+    ) {
+        let nothing = T::Sum::default();
+        let (more, less) = (proposal.increment > nothing, proposal.increment < nothing);
+        let pushed = |joint: usize| {
+            let projection = proposal.projection[joint];
+            let (along, against) = (projection > T::ZERO, projection < T::ZERO);
+            match limiting[joint] {
+                Limiting::No => false,
+                Limiting::FromAbove => along && more || against && less,
+                Limiting::FromBelow => along && less || against && more,
+            }
         };
         if pushed(0) || pushed(1) {
-            state.integral -= proposal.increment;
+            state.integral = proposal.integral_before;
         }
     }
+}
+
+/// Lever of a force along the normal at a link's end, m. A function of values: a closure
+/// that the compiler does not inline keeps all of a reference alive, unused columns too.
+#[inline]
+fn lever<T: Scalar>(
+    length: T::Gain,
+    normal_angle: T,
+    angle: T,
+    turn: T::Turn,
+    count: &mut T::Count,
+) -> T {
+    trig::sin(normal_angle.minus(angle, count), turn).scaled(length, count)
+}
+
+/// Passes `input` through a filter: its output before and now. The state is the output
+/// without rounding, so that no input is too small to move it. Without a filter it is the
+/// input.
+#[inline]
+fn low_pass<T: Scalar>(
+    state: &mut Option<T::Sum>,
+    weight: Option<T::Weight>,
+    input: T,
+    count: &mut T::Count,
+) -> (T, T) {
+    let sum = state.unwrap_or(input.sum());
+    let before = T::of_sum(sum);
+    let (sum, now) = match weight {
+        Some(weight) => {
+            let step = input.minus(before, count).weighted(weight);
+            let sum = T::accumulated(sum, step, count);
+            (sum, T::of_sum(sum))
+        }
+        None => (input.sum(), input),
+    };
+    *state = Some(sum);
+    (before, now)
 }
 
 #[cfg(test)]
@@ -308,10 +495,20 @@ mod tests {
         }
     }
 
+    /// What the law asks for when `force` is measured.
+    fn propose(law: &Law<f64>, state: &mut LawState<f64>, force: f64) -> Proposal<f64> {
+        law.propose(
+            state,
+            &reference(),
+            &measured(force),
+            &mut Saturations::default(),
+        )
+    }
+
     #[test]
     fn without_error_the_feedforward_passes_unchanged() {
         let law = Law::new(&LawParameters::FEEDFORWARD, &ARM, 5000);
-        let proposal = law.propose(&mut LawState::default(), &reference(), &measured(-7.0));
+        let proposal = propose(&law, &mut LawState::default(), -7.0);
         assert_eq!(proposal.torque, [-3.0, 0.3]);
     }
 
@@ -319,8 +516,8 @@ mod tests {
     fn each_term_is_that_of_equations_18_to_20() {
         let law = Law::new(&GAINS, &ARM, 1000);
         let mut state = LawState::default();
-        law.propose(&mut state, &reference(), &measured(1.5)); // e = 0.5
-        let p = law.propose(&mut state, &reference(), &measured(1.4)); // e = 0.6
+        propose(&law, &mut state, 1.5); // e = 0.5
+        let p = propose(&law, &mut state, 1.4); // e = 0.6
         let u = 0.01 * (0.1 / 1e-3) + 0.5 * 0.6 + 4.0 * (0.5 + 0.6) * 1e-3;
         let (c1, c2) = (libm::cos(0.95), libm::cos(-0.72));
         let (s1, s2) = (0.5 * c1 + 0.55 * c2, 0.55 * c2);
@@ -336,10 +533,10 @@ mod tests {
             slope_rate_feedback: SlopeRateFeedback::AsPrinted,
             ..GAINS
         };
-        let p = Law::new(&printed, &ARM, 1000).propose(
+        let p = propose(
+            &Law::new(&printed, &ARM, 1000),
             &mut LawState::default(),
-            &reference(),
-            &measured(1.5),
+            1.5,
         );
         assert!((p.projection[1] - 0.5 * libm::cos(0.95)).abs() < 1e-8);
         let u = 0.5 * 0.5 + 4.0 * 0.5e-3;
@@ -355,7 +552,7 @@ mod tests {
             ..GAINS
         };
         let law = Law::new(&only_derivative, &ARM, 5000);
-        let p = law.propose(&mut LawState::default(), &reference(), &measured(-50.0));
+        let p = propose(&law, &mut LawState::default(), -50.0);
         assert_eq!(p.torque, [-3.0, 0.3]);
     }
 
@@ -369,10 +566,10 @@ mod tests {
         };
         let law = Law::new(&filtered, &ARM, 100_000);
         let mut state = LawState::default();
-        law.propose(&mut state, &reference(), &measured(2.0));
+        propose(&law, &mut state, 2.0);
         let ticks = 1592; // one time constant, 1 / (2 pi 10 Hz) = 15.92 ms
         for _ in 0..ticks {
-            law.propose(&mut state, &reference(), &measured(1.0));
+            propose(&law, &mut state, 1.0);
         }
         let expected = 1.0 - libm::exp(-core::f64::consts::TAU * corner * f64::from(ticks) * 1e-5);
         assert!((state.filtered_error.unwrap() - expected).abs() < 1e-3);
@@ -386,11 +583,11 @@ mod tests {
             limiting[joint] = Limiting::FromAbove;
             let mut state = LawState::default();
             // e > 0 and s > 0: the increment pushes up, into the limit.
-            let p = law.propose(&mut state, &reference(), &measured(0.0));
+            let p = propose(&law, &mut state, 0.0);
             law.settle(&mut state, &p, limiting);
             assert_eq!(state.integral, 0.0);
             // e < 0 pushes down, away from it.
-            let p = law.propose(&mut state, &reference(), &measured(5.0));
+            let p = propose(&law, &mut state, 5.0);
             law.settle(&mut state, &p, limiting);
             assert!(state.integral < 0.0);
         }

@@ -4,11 +4,13 @@
 //! | module | responsible for |
 //! |---|---|
 //! | [`number`] | the scalar traits that let one source serve `f32`, `f64` and fixed point |
+//! | [`fixed_point`] | the fixed-point scalar |
 //! | [`trig`] | the sine that the control tick may use (a polynomial, no libm) |
 //! | [`arm`] | the arm's data, its kinematics (eq. 12-13) and its fingerprint |
 //! | [`beam`] | the elastic link as finite elements (eq. 24-27) |
 //! | [`table`] | the feedforward table: format, writer, streaming cursor |
 //! | [`law`] | the control law (eq. 18-20) |
+//! | [`signals`] | the tick's signals: formats, saturations |
 //! | [`guard`] | torque limits and the finite check behind everything |
 //! | [`controller`] | the one `tick` that joins cursor, law and guard |
 //! | [`sensing`] | from encoder and converter counts to a measurement |
@@ -34,12 +36,14 @@
 pub mod arm;
 pub mod beam;
 pub mod controller;
+pub mod fixed_point;
 pub mod guard;
 pub mod law;
 pub mod link;
 pub mod number;
 pub mod safety;
 pub mod sensing;
+pub mod signals;
 pub mod table;
 pub mod trig;
 

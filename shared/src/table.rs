@@ -33,12 +33,13 @@
 //!
 //! At tick `t` of a piece, `i` and `u` are the whole and the fraction of
 //! `t * segments / ticks`, and a column is `sum_j basis_j(u) knot[i + j]`, `j = 0..4`,
-//! with the uniform cubic B-spline basis. The torque columns hold at tick `k` what is
+//! with the uniform cubic B-spline basis. The cursor turns the four knots of a segment
+//! into the cubic's coefficients when it enters it. The torque columns hold at tick `k` what is
 //! to be *held* from tick `k` to `k + 1`, the plan's value in the middle of that
 //! period; all other columns are the plan at tick `k` itself.
 
 use crate::CRC32;
-use crate::number::Number;
+use crate::number::{Constant, Number, Scalar};
 use core::fmt;
 
 /// Columns of a table, in the order of [`Reference::from_columns`].
@@ -80,7 +81,7 @@ pub struct Reference<T> {
     pub normal_angle: T,
 }
 
-impl<T: Number> Reference<T> {
+impl<T: Copy> Reference<T> {
     /// The reference with the given column values.
     #[inline]
     pub fn from_columns(columns: [T; COLUMNS]) -> Self {
@@ -552,16 +553,37 @@ impl<'a> Table<'a> {
         self.pieces.iter().map(Piece::decode)
     }
 
-    /// A cursor at tick 0.
-    pub fn cursor<T: Number>(&self) -> Cursor<'a, T> {
+    /// A cursor at tick 0, in floating point.
+    pub fn cursor<T: Scalar<Format = ()>>(&self) -> Cursor<'a, T> {
+        let mut quantum = [T::Quantum::default(); COLUMNS];
+        for (quantum, scaling) in quantum.iter_mut().zip(self.header.scaling) {
+            // Every scaling fits floating point.
+            *quantum = T::quantum(scaling, ()).unwrap_or_default();
+        }
+        self.cursor_with(quantum)
+    }
+
+    /// A cursor at tick 0 that gives each column in its format.
+    ///
+    /// # Errors
+    /// The number of a column whose values may not fit its format.
+    pub fn cursor_in<T: Scalar>(
+        &self,
+        formats: &Reference<T::Format>,
+    ) -> Result<Cursor<'a, T>, usize> {
+        let mut quantum = [T::Quantum::default(); COLUMNS];
+        for (i, format) in formats.columns().into_iter().enumerate() {
+            quantum[i] = T::quantum(self.header.scaling[i], format).ok_or(i)?;
+        }
+        Ok(self.cursor_with(quantum))
+    }
+
+    fn cursor_with<T: Scalar>(&self, quantum: [T::Quantum; COLUMNS]) -> Cursor<'a, T> {
         let mut cursor = Cursor {
-            pieces: self.pieces,
-            rows: self.rows,
-            quantum: self
-                .header
-                .scaling
-                .map(|s| T::from_f64(libm::ldexp(1.0, -i32::from(s)))),
-            ticks: self.header.ticks,
+            pieces: &[],
+            rows: &[],
+            quantum,
+            ticks: 0,
             tick: 0,
             piece: Piece {
                 ticks: 1,
@@ -569,21 +591,26 @@ impl<'a> Table<'a> {
             },
             segments_left: 0,
             phase: 0,
-            phase_unit: T::ONE,
+            phase_unit: T::reciprocal_of(1),
+            cubics: [Cubic::default(); KEPT.len()],
         };
-        cursor.enter();
+        cursor.restart(self);
         cursor
     }
 }
 
-/// Streams a table: one [`Reference`] a tick, in constant time and memory.
+/// Columns whose cubics a cursor keeps: those that the control law reads. The others are
+/// for logs and made when they are asked for (see [`Cursor::reference`]).
+const KEPT: [usize; 5] = [0, 1, 2, 6, 7];
+
+/// Streams a table: one [`Reference`] a tick, in bounded time and memory.
 #[derive(Clone, Debug)]
-pub struct Cursor<'a, T> {
+pub struct Cursor<'a, T: Scalar> {
     /// The pieces after the current one.
     pieces: &'a [[u8; PIECE_BYTES]],
     /// Rows from the current segment on.
     rows: &'a [[u8; ROW_BYTES]],
-    quantum: [T; COLUMNS],
+    quantum: [T::Quantum; COLUMNS],
     ticks: u32,
     tick: u32,
     piece: Piece,
@@ -593,10 +620,21 @@ pub struct Cursor<'a, T> {
     /// ticks: an integer, so it never drifts.
     phase: u32,
     /// One such unit.
-    phase_unit: T,
+    phase_unit: T::Reciprocal,
+    /// The [`KEPT`] columns in the current segment.
+    cubics: [Cubic<T>; KEPT.len()],
 }
 
-impl<T: Number> Cursor<'_, T> {
+impl<'a, T: Scalar> Cursor<'a, T> {
+    /// Goes to the first tick of the table that the cursor was made from.
+    pub(crate) fn restart(&mut self, table: &Table<'a>) {
+        self.pieces = table.pieces;
+        self.rows = table.rows;
+        self.ticks = table.header.ticks;
+        self.tick = 0;
+        self.enter();
+    }
+
     /// Tick that [`reference`](Self::reference) is for, from 0 to the table's `ticks`.
     pub fn tick(&self) -> u32 {
         self.tick
@@ -616,6 +654,33 @@ impl<T: Number> Cursor<'_, T> {
             self.phase = 0;
             self.phase_unit = T::reciprocal_of(self.piece.ticks);
         }
+        self.load();
+    }
+
+    /// Begins the segment whose rows come first.
+    #[inline(never)]
+    fn load(&mut self) {
+        for (position, column) in KEPT.into_iter().enumerate() {
+            self.cubics[position] = self.cubic(column);
+        }
+    }
+
+    /// A column in the current segment.
+    #[inline(always)]
+    fn cubic(&self, column: usize) -> Cubic<T> {
+        // open() has made sure that every piece has its rows, so there are four here.
+        let Some(window) = self.rows.first_chunk::<4>() else {
+            return Cubic::default();
+        };
+        let quantum = self.quantum[column];
+        // Row by row: a loop that the compiler keeps would be run for nobody, too.
+        let [a, b, c, d] = window;
+        Cubic::through([
+            knot(a, column, quantum),
+            knot(b, column, quantum),
+            knot(c, column, quantum),
+            knot(d, column, quantum),
+        ])
     }
 
     /// Goes on by one tick; stays at the end.
@@ -633,6 +698,7 @@ impl<T: Number> Cursor<'_, T> {
             self.segments_left -= 1;
             self.phase -= self.piece.ticks;
             self.rows = self.rows.get(1..).unwrap_or_default();
+            self.load();
         } else if !self.pieces.is_empty() {
             self.rows = self.rows.get(4..).unwrap_or_default();
             self.enter();
@@ -641,61 +707,83 @@ impl<T: Number> Cursor<'_, T> {
     }
 
     /// The plan's values at the current tick.
-    // Always inlined: a caller that does not use all columns then does not pay for them
-    // (110 instructions of the tick on a Cortex-M4F).
+    // Always inlined: a caller that does not use all columns then does not pay for them.
     #[inline(always)]
     pub fn reference(&self) -> Reference<T> {
-        let u = T::from_i32(self.phase.cast_signed()) * self.phase_unit;
-        let basis = basis(u);
-        // open() has made sure that every piece has its rows, so there are four here.
-        let Some(window) = self.rows.first_chunk::<4>() else {
-            return Reference::default();
-        };
-        let knot = |row: &[u8; ROW_BYTES], i: usize| {
-            let (raw, _) = row.as_chunks::<4>();
-            T::from_i32(raw.get(i).map_or(0, |bytes| i32::from_le_bytes(*bytes)))
-        };
-        let column = |i: usize| {
-            let [a, b, c, d] = window;
-            let sum = basis[0] * knot(a, i)
-                + basis[1] * knot(b, i)
-                + basis[2] * knot(c, i)
-                + basis[3] * knot(d, i);
-            // A power of two, so it may as well be applied once at the end.
-            sum * self.quantum[i]
-        };
-        // Not by a loop over the columns: unused ones would not fall away.
-        Reference::from_columns([
-            column(0),
-            column(1),
-            column(2),
-            column(3),
-            column(4),
-            column(5),
-            column(6),
-            column(7),
-        ])
+        let u = T::fraction(self.phase, self.phase_unit);
+        // Not by a loop over the columns, nor by closures, which the compiler may leave as
+        // functions: unused columns would not fall away.
+        Reference {
+            torque: [self.kept(0, u), self.kept(1, u)],
+            force: self.kept(2, u),
+            angle: [self.made(3, u), self.made(4, u)],
+            root_slope: self.made(5, u),
+            root_slope_rate: self.kept(3, u),
+            normal_angle: self.kept(4, u),
+        }
+    }
+
+    /// Value of the kept column at a position of [`KEPT`].
+    #[inline(always)]
+    fn kept(&self, at: usize, u: T) -> T {
+        self.cubics[at].at(u).spline_signal(self.quantum[KEPT[at]])
+    }
+
+    /// Value of a column that is not kept.
+    #[inline(always)]
+    fn made(&self, column: usize, u: T) -> T {
+        self.cubic(column).at(u).spline_signal(self.quantum[column])
     }
 }
 
-/// Uniform cubic B-spline basis at `u` in [0, 1]; sums to 1.
-#[inline]
-fn basis<T: Number>(u: T) -> [T; 4] {
-    let sixth = T::from_f64(1.0 / 6.0);
-    let two_thirds = T::from_f64(2.0 / 3.0);
-    let half = T::from_f64(0.5);
-    let v = T::ONE - u;
-    [
-        v * v * v * sixth,
-        two_thirds - u * u * (T::ONE - u * half),
-        two_thirds - v * v * (T::ONE - v * half),
-        u * u * u * sixth,
-    ]
+/// A row's knot in a column.
+#[inline(always)]
+fn knot<T: Scalar>(row: &[u8; ROW_BYTES], column: usize, quantum: T::Quantum) -> T {
+    let (raw, _) = row.as_chunks::<4>();
+    let raw = raw.get(column).map_or([0; 4], |bytes| *bytes);
+    T::knot(i32::from_le_bytes(raw), quantum)
+}
+
+/// A column in one segment: coefficients of 1, u, u^2, u^3.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Cubic<T>([T; 4]);
+
+impl<T: Scalar> Cubic<T> {
+    /// The uniform cubic B-spline's segment with four knots. With knots up to K in
+    /// magnitude no intermediate value, here or in [`at`](Self::at), exceeds 4.4 K.
+    #[inline(always)]
+    fn through([a, b, c, d]: [T; 4]) -> Self {
+        let sixth = T::constant(const { Constant::new(1.0 / 6.0, 0) });
+        let steps = [
+            b.minus_in_range(a),
+            c.minus_in_range(b),
+            d.minus_in_range(c),
+        ];
+        let bend = steps[1].minus_in_range(steps[0]);
+        let bend_sixth = bend.times_in_range::<1>(sixth);
+        let next_sixth = steps[2].minus_in_range(steps[1]).times_in_range::<1>(sixth);
+        Self([
+            b.plus_in_range(bend_sixth),
+            c.minus_in_range(a).half(),
+            bend.half(),
+            next_sixth.minus_in_range(bend_sixth),
+        ])
+    }
+
+    /// Value at `u` in [0, 1].
+    #[inline(always)]
+    fn at(&self, u: T) -> T {
+        let [c0, c1, c2, c3] = self.0;
+        let sum = c2.plus_in_range(c3.times_in_range::<1>(u));
+        let sum = c1.plus_in_range(sum.times_in_range::<1>(u));
+        c0.plus_in_range(sum.times_in_range::<1>(u))
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixed_point::{Exponent, Fixed};
     use proptest::prelude::*;
 
     const PIECES: [Piece; 3] = [
@@ -859,10 +947,34 @@ mod tests {
         }
 
         #[test]
-        fn the_spline_stays_within_its_knots(u in 0.0..=1.0_f32) {
-            let b = basis(u);
-            prop_assert!(b.iter().all(|w| *w >= -1e-7));
-            prop_assert!((b.iter().sum::<f32>() - 1.0).abs() < 3e-7);
+        fn the_cubic_is_the_b_spline_in_every_number_type(
+            raw in proptest::array::uniform4(-RAW_MAX..=RAW_MAX),
+            part in 0..=1000_u32,
+        ) {
+            let u = f64::from(part) / 1000.0;
+            let v = 1.0 - u;
+            let basis = [
+                v * v * v / 6.0,
+                2.0 / 3.0 - u * u * (1.0 - u / 2.0),
+                2.0 / 3.0 - v * v * (1.0 - v / 2.0),
+                u * u * u / 6.0,
+            ];
+            let exact: f64 = basis.iter().zip(raw).map(|(b, k)| b * f64::from(k)).sum();
+            let exact = exact / f64::from(RAW_MAX);
+            fn read<T: Scalar>(raw: [i32; 4], part: u32, format: T::Format) -> f64 {
+                let quantum = T::quantum(30, format).unwrap();
+                let cubic = Cubic::through(raw.map(|k| T::knot(k, quantum)));
+                let u = T::fraction(part, T::reciprocal_of(1000));
+                cubic.at(u).spline_signal(quantum).to_si(format)
+            }
+            prop_assert!((read::<f64>(raw, part, ()) - exact).abs() < 1e-14);
+            prop_assert!((read::<f32>(raw, part, ()) - exact).abs() < 1e-6);
+            // 16 units of the knots' 2^-28 and, of coarser formats, one of their own.
+            for exponent in [1, 2, 3, 6] {
+                let format = Exponent(exponent);
+                let error = read::<Fixed>(raw, part, format) - exact;
+                prop_assert!(error.abs() < 6e-8 + 16.0 * format.unit(), "{exponent}: {error:e}");
+            }
         }
     }
 }

@@ -1,8 +1,9 @@
-//! What the firmware takes, held against `firmware/budget.toml`.
+//! What the firmware takes, held against `firmware/budget.toml`, and the tick on cores
+//! without floating point, against `cores/budget.toml`.
 
 use crate::demo::Demo;
 use crate::image::{check_panic_free, sizes};
-use crate::{demo, firmware, root};
+use crate::{cores, demo, firmware, root};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use host_sim::pil::{self, Processor};
@@ -99,13 +100,21 @@ pub(crate) fn budget(options: &Options) -> Result<()> {
         tick_instructions_median: median.context(none)?.into(),
         tick_instructions_max: max.context(none)?.into(),
     };
+    let without_fpu = cores::measure()?;
     if options.json {
-        println!("{}", serde_json::to_string_pretty(&measured)?);
+        let mut all = serde_json::to_value(measured)?;
+        if let Some(all) = all.as_object_mut() {
+            for (name, value) in &without_fpu {
+                all.insert(name.clone(), (*value).into());
+            }
+        }
+        println!("{all:#}");
     } else {
         for ((name, is), (_, bar)) in measured.entries().into_iter().zip(BARS.entries()) {
             println!("{name:26} {is:6}  of {bar:6}");
         }
         println!("no panic is reachable from the tick");
+        cores::show(&without_fpu);
     }
     let golden = root().join("firmware/budget.toml");
     if options.update {
@@ -119,6 +128,7 @@ pub(crate) fn budget(options: &Options) -> Result<()> {
         fs::read_to_string(&golden).with_context(|| format!("cannot read {}", golden.display()))?;
     let mut excess = measured.excess(&toml::from_str(&text)?, TOLERANCE_PERCENT);
     excess.extend(measured.excess(&BARS, 0));
+    excess.extend(cores::excess(&without_fpu, options.update)?);
     ensure!(
         excess.is_empty(),
         "over budget: {}; if that is meant, `cargo xtask budget --update`",

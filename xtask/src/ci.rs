@@ -1,6 +1,6 @@
 //! What continuous integration does, and what it stands on.
 
-use crate::{budget, firmware, pil, root, run};
+use crate::{budget, cores, firmware, pil, root, run};
 use anyhow::Result;
 use std::process::Command;
 
@@ -32,9 +32,11 @@ pub(crate) fn test() -> Result<()> {
 /// Formats, lints, tests, bit identity, budget.
 pub(crate) fn ci() -> Result<()> {
     cargo(&["fmt", "--all", "--check"])?;
-    run(Command::new("cargo")
-        .current_dir(root().join("firmware"))
-        .args(["fmt", "--check"]))?;
+    for folder in ["firmware", "cores"] {
+        run(Command::new("cargo")
+            .current_dir(root().join(folder))
+            .args(["fmt", "--check"]))?;
+    }
     cargo(&[
         "clippy",
         "--workspace",
@@ -44,6 +46,7 @@ pub(crate) fn ci() -> Result<()> {
         "warnings",
     ])?;
     firmware::clippy()?;
+    cores::clippy()?;
     test()?;
     pil::pil(&pil::Options::default())?;
     budget::budget(&budget::Options::default())

@@ -9,7 +9,7 @@ use std::process::Command;
 use std::{env, fs};
 
 /// cargo's folder for everything built.
-fn target_folder() -> PathBuf {
+pub(crate) fn target_folder() -> PathBuf {
     env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
 }
 
@@ -34,7 +34,7 @@ pub(crate) fn cargo(verb: &str) -> Result<Command> {
 }
 
 /// Writes a file, but not when it is the same already: cargo goes by its time.
-fn write<'p>(path: &'p Path, bytes: &[u8]) -> Result<&'p Path> {
+pub(crate) fn write<'p>(path: &'p Path, bytes: &[u8]) -> Result<&'p Path> {
     if fs::read(path).ok().as_deref() != Some(bytes) {
         fs::write(path, bytes).with_context(|| format!("cannot write {}", path.display()))?;
     }

@@ -2,7 +2,7 @@
 //! can reach a panic.
 
 use anyhow::{Context, Result, bail, ensure};
-use object::{Object, ObjectSection, SectionKind};
+use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind, SymbolKind, elf};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
@@ -20,12 +20,24 @@ pub(crate) struct Sizes {
     pub(crate) ram: u64,
 }
 
-/// Sizes of the sections that are loaded.
+/// Sizes of the sections that the firmware loads.
 pub(crate) fn sizes(elf: &Path) -> Result<Sizes> {
-    let bytes = fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
+    sizes_in(elf, FLASH)
+}
+
+/// Sizes of the sections that an image loads, whose flash is at these addresses.
+pub(crate) fn sizes_in(path: &Path, flash: core::ops::Range<u64>) -> Result<Sizes> {
+    let bytes = fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     let file = object::File::parse(&*bytes)?;
     let mut sizes = Sizes { flash: 0, ram: 0 };
     for section in file.sections() {
+        // Debug information is not loaded, and has the address 0.
+        let SectionFlags::Elf { sh_flags } = section.flags() else {
+            continue;
+        };
+        if sh_flags & u64::from(elf::SHF_ALLOC) == 0 {
+            continue;
+        }
         match section.kind() {
             // Initialised data lie in RAM and their first values in flash.
             SectionKind::Data => {
@@ -33,11 +45,47 @@ pub(crate) fn sizes(elf: &Path) -> Result<Sizes> {
                 sizes.ram += section.size();
             }
             SectionKind::UninitializedData => sizes.ram += section.size(),
-            _ if FLASH.contains(&section.address()) => sizes.flash += section.size(),
+            _ if flash.contains(&section.address()) => sizes.flash += section.size(),
             _ => {}
         }
     }
     Ok(sizes)
+}
+
+/// Bytes of code that the function whose name contains `root` can reach, itself included.
+pub(crate) fn reachable_bytes(elf: &Path, root: &str) -> Result<u64> {
+    let graph = CallGraph::parse(&disassembly(elf)?);
+    let name = graph
+        .calls
+        .keys()
+        .find(|name| name.contains(root))
+        .with_context(|| format!("{} has no function {root}", elf.display()))?;
+    let bytes = fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
+    let file = object::File::parse(&*bytes)?;
+    let reached = graph.reachable(name);
+    // Aliases share an address.
+    let mut sizes = BTreeMap::new();
+    for symbol in file.symbols() {
+        if symbol.kind() == SymbolKind::Text && symbol.name().is_ok_and(|n| reached.contains(n)) {
+            sizes.insert(symbol.address(), symbol.size());
+        }
+    }
+    Ok(sizes.values().sum())
+}
+
+/// `objdump --disassemble`.
+fn disassembly(elf: &Path) -> Result<String> {
+    let output = Command::new("arm-none-eabi-objdump")
+        .args(["--disassemble", "--no-show-raw-insn"])
+        .arg(elf)
+        .output()
+        .context("cannot start arm-none-eabi-objdump: run `cargo xtask setup`")?;
+    ensure!(
+        output.status.success(),
+        "arm-none-eabi-objdump failed on {}",
+        elf.display()
+    );
+    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
 /// Functions of a disassembly and what each calls or jumps to.
@@ -124,17 +172,7 @@ fn panics(name: &str) -> bool {
 
 /// Fails if the tick's interrupt can reach a panic, or calls what cannot be followed.
 pub(crate) fn check_panic_free(elf: &Path) -> Result<()> {
-    let output = Command::new("arm-none-eabi-objdump")
-        .args(["--disassemble", "--no-show-raw-insn"])
-        .arg(elf)
-        .output()
-        .context("cannot start arm-none-eabi-objdump: run `cargo xtask setup`")?;
-    ensure!(
-        output.status.success(),
-        "arm-none-eabi-objdump failed on {}",
-        elf.display()
-    );
-    check_listing(&String::from_utf8_lossy(&output.stdout))
+    check_listing(&disassembly(elf)?)
 }
 
 fn check_listing(listing: &str) -> Result<()> {

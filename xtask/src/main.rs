@@ -2,6 +2,7 @@
 
 mod budget;
 mod ci;
+mod cores;
 mod demo;
 mod firmware;
 mod image;
@@ -40,6 +41,9 @@ enum Verb {
     /// Hold flash, RAM, stack and instructions per tick against firmware/budget.toml, and
     /// check that the tick cannot panic.
     Budget(budget::Options),
+    /// Replay the demo on Cortex-M0 and M3 in QEMU, in fixed point and in emulated f32, and
+    /// hold what it takes against cores/budget.toml.
+    Cores(cores::Options),
     /// Run every test, those with the image in QEMU included.
     Test,
     /// Everything that continuous integration checks.
@@ -56,6 +60,7 @@ fn main() -> Result<()> {
         Verb::Flash => firmware::flash(),
         Verb::Pil(options) => pil::pil(&options),
         Verb::Budget(options) => budget::budget(&options),
+        Verb::Cores(options) => cores::cores(&options),
         Verb::Test => ci::test(),
         Verb::Ci => ci::ci(),
     }

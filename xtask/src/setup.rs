@@ -1,5 +1,5 @@
 //! Finds or installs what the firmware needs beyond a host toolchain: a Rust toolchain
-//! with the Cortex-M4F target, QEMU 10 and an ARM disassembler.
+//! with the Cortex-M4F, M3 and M0 targets, QEMU 10 and an ARM disassembler.
 
 use crate::{output, root, run};
 use anyhow::{Result, bail};
@@ -8,6 +8,9 @@ use std::process::Command;
 
 /// The firmware's target.
 pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
+
+/// All targets: the firmware's, and those of the cores without floating point.
+const TARGETS: [&str; 3] = [TARGET, "thumbv7m-none-eabi", "thumbv6m-none-eabi"];
 
 /// Toolchain that `setup-thumb.sh` makes.
 const DEBIAN_TOOLCHAIN: &str = "thumb";
@@ -26,7 +29,7 @@ impl Toolchain {
     pub(crate) fn find() -> Option<Self> {
         [Self::Current, Self::Debian]
             .into_iter()
-            .find(|t| t.has_target())
+            .find(|t| TARGETS.into_iter().all(|target| t.has_target(target)))
     }
 
     /// `program` of this toolchain.
@@ -38,11 +41,11 @@ impl Toolchain {
         command
     }
 
-    fn has_target(self) -> bool {
+    fn has_target(self, target: &str) -> bool {
         let mut rustc = self.command("rustc");
         // Only look: rustup must not download a toolchain of that name.
         rustc.env("RUSTUP_AUTO_INSTALL", "0");
-        rustc.args(["--print", "target-libdir", "--target", TARGET]);
+        rustc.args(["--print", "target-libdir", "--target", target]);
         output(&mut rustc).is_some_and(|folder| {
             let core = Path::new(&folder)
                 .read_dir()
@@ -66,7 +69,7 @@ fn qemu_version() -> Option<u32> {
 pub(crate) fn missing() -> Vec<&'static str> {
     let mut missing = Vec::new();
     if Toolchain::find().is_none() {
-        missing.push(TARGET);
+        missing.extend(TARGETS);
     }
     if qemu_version().is_none_or(|version| version < 10) {
         missing.push("qemu-system-arm 10");
@@ -81,7 +84,7 @@ pub(crate) fn missing() -> Vec<&'static str> {
 pub(crate) fn setup(debian: bool) -> Result<()> {
     if Toolchain::find().is_none() && !debian {
         // Fails where rustup has nothing to download from; the script is next.
-        let _ = run(Command::new("rustup").args(["target", "add", TARGET]));
+        let _ = run(Command::new("rustup").args(["target", "add"]).args(TARGETS));
     }
     let absent = missing();
     if !absent.is_empty() {
@@ -105,7 +108,8 @@ pub(crate) fn setup(debian: bool) -> Result<()> {
         bail!("still missing after set-up: {}", absent.join(", "));
     }
     println!(
-        "{TARGET} ({:?} toolchain), QEMU {} and arm-none-eabi-objdump are there",
+        "{} ({:?} toolchain), QEMU {} and arm-none-eabi-objdump are there",
+        TARGETS.join(", "),
         Toolchain::find(),
         qemu_version().unwrap_or_default()
     );

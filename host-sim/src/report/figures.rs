@@ -7,6 +7,7 @@
 //!
 //! Colours are those of Okabe and Ito, which colour-blind readers tell apart.
 
+mod accuracy;
 pub(super) mod gains;
 
 use super::{Case, ReportError, write_file};
@@ -18,6 +19,8 @@ use plotters::drawing::DrawingAreaErrorKind;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use std::path::{Path, PathBuf};
+
+pub(super) use accuracy::accuracy_figures;
 
 /// Drawing units a pixel: plotters draws on an integer grid, which would make steps in
 /// smooth curves.
@@ -565,11 +568,19 @@ fn panels_height(panels: &[Panel]) -> f64 {
     panels.iter().map(each).sum::<f64>() + TIME_LABELS
 }
 
-/// Draws panels below each other over the common time axis `times`; `wide` leaves room
-/// for an axis on the right in all of them.
-fn draw_panels(area: &Area, panels: &[Panel], times: [f64; 2], wide: bool) -> Drawn {
+/// What the axis of abscissas over times says.
+const TIME: &str = "time (s)";
+
+/// Draws panels below each other over the common axis of abscissas `range`, which says
+/// `label`; `wide` leaves room for an axis on the right in all of them.
+fn draw_panels(
+    area: &Area,
+    panels: &[Panel],
+    (range, label): ([f64; 2], &str),
+    wide: bool,
+) -> Drawn {
     let mut rest = area.clone();
-    let time = Axis::exact(times, 10);
+    let time = Axis::exact(range, 10);
     for (index, panel) in panels.iter().enumerate() {
         let last = index + 1 == panels.len();
         let labels = if last { TIME_LABELS } else { 0.0 };
@@ -578,13 +589,13 @@ fn draw_panels(area: &Area, panels: &[Panel], times: [f64; 2], wide: bool) -> Dr
         draw_heading(&head, panel, &heading)?;
         let (body, below) = below.split_vertically(units(PLOT + labels));
         rest = below;
-        draw_panel(&body, panel, &time, last, wide)?;
+        draw_panel(&body, panel, &time, last.then_some(label), wide)?;
     }
     Ok(())
 }
 
-/// Draws a panel's axes and curves.
-fn draw_panel(area: &Area, panel: &Panel, time: &Axis, last: bool, wide: bool) -> Drawn {
+/// Draws a panel's axes and curves; the last one of several has the abscissas' label.
+fn draw_panel(area: &Area, panel: &Panel, time: &Axis, label: Option<&str>, wide: bool) -> Drawn {
     let (left, y_label, curves) = &panel.left;
     let other = panel.right.as_ref();
     let right = other.map_or(left, |(axis, _, _)| axis);
@@ -595,7 +606,7 @@ fn draw_panel(area: &Area, panel: &Panel, time: &Axis, last: bool, wide: bool) -
         .margin_left(units(EDGE))
         .set_label_area_size(
             LabelAreaPosition::Bottom,
-            if last { units(TIME_LABELS) } else { 0 },
+            label.map_or(0, |_| units(TIME_LABELS)),
         );
     if other.is_some() {
         builder
@@ -621,7 +632,7 @@ fn draw_panel(area: &Area, panel: &Panel, time: &Axis, last: bool, wide: bool) -
         .axis_desc_style(text(TEXT, &INK))
         .x_labels(time.ticks.len())
         .y_labels(left.ticks.len())
-        .x_desc(if last { "time (s)" } else { "" })
+        .x_desc(label.unwrap_or_default())
         .y_desc(y_label)
         .draw()?;
     if let Some((axis, label, _)) = other {
@@ -757,7 +768,7 @@ fn histories(case: &Case) -> Result<Figure, ReportError> {
             &text(14.0, &INK).pos(Pos::new(HPos::Left, VPos::Center)),
             (units(LEFT), units(19.0)),
         )?;
-        draw_panels(&body, &panels, times, true)
+        draw_panels(&body, &panels, (times, TIME), true)
     })?;
     let shaded = if resting(case).is_empty() {
         ""
@@ -844,7 +855,7 @@ fn contact_forces(cases: &[Case]) -> Result<Figure, ReportError> {
     }
     let name = "contact_force_cases";
     let svg = render(name, panels_height(&panels), |area| {
-        draw_panels(area, &panels, times, false)
+        draw_panels(area, &panels, (times, TIME), false)
     })?;
     Ok(Figure {
         name: name.into(),

@@ -4,6 +4,7 @@
 //! Glossary: a *case* is a controller with its start, e.g. `feedforward`; a *plant* is
 //! the simulated arm it ran on, e.g. `stiffness_x0.9`.
 
+mod accuracy;
 mod figures;
 mod html;
 
@@ -11,6 +12,7 @@ use crate::closed_loop::Run;
 use crate::plan::Plan;
 use std::path::{Path, PathBuf};
 
+pub use accuracy::write_accuracy;
 pub use figures::gains::Gains;
 pub use figures::write_figures;
 pub use html::{GainsPage, write_gains, write_html};

@@ -23,6 +23,7 @@ use crate::plan::Plan;
 use nalgebra::DMatrix;
 use shared::guard::Limiting;
 use shared::law::{Law, LawParameters, LawState, Measurement};
+use shared::signals::Saturations;
 use shared::table::Reference;
 
 /// Numbers that the law remembers: filtered force error, integral, filtered slope rate.
@@ -80,7 +81,12 @@ impl LinearLaw {
                 force: measured[0],
                 drive: [Limiting::No; 2],
             };
-            let proposal = law.propose(&mut state, &reference, &measurement);
+            let proposal = law.propose(
+                &mut state,
+                &reference,
+                &measurement,
+                &mut Saturations::default(),
+            );
             let remembered = [
                 state.filtered_error.unwrap_or_default(),
                 state.integral,

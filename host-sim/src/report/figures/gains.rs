@@ -3,7 +3,7 @@
 
 use super::{
     Area, Axis, BLUE, Curve, Drawn, EDGE, Figure, GREEN, INK, LEFT, ORANGE, PURPLE, Panel,
-    REFERENCE, RIGHT, SOFT, TEXT, TIME_LABELS, VERMILLION, draw_panels, line, number,
+    REFERENCE, RIGHT, SOFT, TEXT, TIME, TIME_LABELS, VERMILLION, draw_panels, line, number,
     panels_height, render, text, text_width, units,
 };
 use crate::report::ReportError;
@@ -355,7 +355,7 @@ fn margins(gains: &Gains<'_>) -> Result<Figure, ReportError> {
         ),
     ];
     let svg = render("gains_margins", panels_height(&panels), |area| {
-        draw_panels(area, &panels, gains.times, false)
+        draw_panels(area, &panels, (gains.times, TIME), false)
     })?;
     Ok(Figure {
         name: "gains_margins".into(),

@@ -1,0 +1,182 @@
+//! The command `accuracy`.
+
+use super::{CliError, Common, Output, controller, export, json, print, print_facts, report};
+use crate::accuracy::{self, Accuracy, Errors};
+use crate::cases;
+use crate::closed_loop::RunOptions;
+use crate::plant::Start;
+use crate::ranges::{self, Analysis};
+use clap::Args;
+use serde_json::{Map, Value};
+use std::path::PathBuf;
+
+#[derive(Args)]
+pub(super) struct AccuracyArgs {
+    #[command(flatten)]
+    common: Common,
+    /// Gains; without it those of examples/controller.toml
+    #[arg(long, value_name = "FILE")]
+    controller: Option<PathBuf>,
+    /// Folder for the results; made if it is not there
+    #[arg(long, value_name = "DIR", default_value = "out/accuracy")]
+    out: PathBuf,
+}
+
+/// Measures f32 and fixed point against f64 and reports.
+pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
+    let (arm, task) = args.common.load()?;
+    let law = controller(args.controller.as_deref())?;
+    let planned = args.common.plan(&arm, &task)?;
+    let output = Output::new(&args.out)?;
+    // The demo's soft plant, started as planned: the feedback has work to do.
+    let options = RunOptions {
+        law,
+        limits: planned.limits,
+        plant: cases::plant(arm.elements, 0.9),
+        start: Start::PlanAtRest,
+    };
+    let (plan, image) = (&planned.plan, &planned.table.image);
+    let analysis = ranges::analyse(plan, image, &law, &planned.limits)?;
+    let accuracies = accuracy::measure(plan, image, &options)?;
+
+    let mut summary: Map<String, Value> = accuracies
+        .iter()
+        .map(|a| (a.number.to_string(), Value::Object(entry(a))))
+        .collect();
+    summary.insert("formats".into(), Value::Object(formats_json(&analysis)));
+    summary.insert(
+        "fixed_torque_error_bound_Nm".into(),
+        json!(analysis.torque_error),
+    );
+    let summary = Value::Object(summary);
+    output.json("summary.json", &summary)?;
+    output.write("accuracy.csv", |w| trace_csv(&accuracies, w))?;
+    let facts = format_facts(&analysis);
+    let page = args.out.join("report.html");
+    report::write_accuracy(&args.out, &page, &accuracies, &facts)?;
+    if args.common.json {
+        return print(&summary);
+    }
+    print(table(&accuracies))?;
+    print("")?;
+    print_facts(&facts)?;
+    print(format_args!("\nThe report is {}", page.display()))
+}
+
+/// What `--json` says of a number type.
+fn entry(a: &Accuracy) -> Map<String, Value> {
+    let trial = |errors: &Errors| {
+        Value::Object(export::object([
+            ("torque_error_rms_Nm", json!(errors.rms_nm)),
+            ("torque_error_max_Nm", json!(errors.max_nm)),
+            ("saturations", json!(errors.saturations)),
+            ("ticks", json!(errors.ticks)),
+        ]))
+    };
+    export::object([
+        ("torque_error_rms_Nm", json!(a.closed_loop.rms_nm)),
+        ("torque_error_max_Nm", json!(a.closed_loop.max_nm)),
+        ("force_difference_max_N", json!(a.force_difference_max_n)),
+        ("saturations", json!(a.closed_loop.saturations)),
+        ("effective_bits", json!(a.effective_bits)),
+        ("random", trial(&a.random)),
+        ("adversarial", trial(&a.adversarial)),
+        ("adversarial_f64", trial(&a.adversarial_f64)),
+    ])
+}
+
+/// The results as a table for a terminal.
+fn table(accuracies: &[Accuracy]) -> comfy_table::Table {
+    let mut table = comfy_table::Table::new();
+    table.load_style(comfy_table::presets::ASCII_MARKDOWN);
+    table.set_header([
+        "number",
+        "trial",
+        "torque error rms, N m",
+        "max, N m",
+        "saturations",
+        "ticks",
+    ]);
+    for a in accuracies {
+        for (trial, errors) in trials(a) {
+            table.add_row([
+                a.number.to_string(),
+                trial.to_string(),
+                format!("{:.2e}", errors.rms_nm),
+                format!("{:.2e}", errors.max_nm),
+                errors.saturations.to_string(),
+                errors.ticks.to_string(),
+            ]);
+        }
+    }
+    table
+}
+
+/// The trials by name.
+fn trials(a: &Accuracy) -> [(&'static str, &Errors); 4] {
+    [
+        ("closed loop", &a.closed_loop),
+        ("random", &a.random),
+        ("adversarial", &a.adversarial),
+        ("the same, f64", &a.adversarial_f64),
+    ]
+}
+
+/// Ranges and formats for `--json`.
+fn formats_json(analysis: &Analysis) -> Map<String, Value> {
+    let signal = |s: &ranges::Signal| {
+        Value::Object(export::object([
+            ("unit", json!(s.unit)),
+            ("admissible", json!(s.admissible)),
+            ("range", json!(s.exponent.range())),
+            ("resolution", json!(s.exponent.unit())),
+        ]))
+    };
+    let entries = analysis.signals.iter();
+    entries.map(|s| (s.name.to_string(), signal(s))).collect()
+}
+
+/// Ranges and formats for a reader.
+pub(super) fn format_facts(analysis: &Analysis) -> Vec<(String, String)> {
+    let mut facts: Vec<_> = analysis
+        .signals
+        .iter()
+        .map(|s| {
+            (
+                format!("fixed point: {}", s.name),
+                format!(
+                    "up to {:.4} {unit}; format to {} {unit} in steps of {:.1e}",
+                    s.admissible,
+                    s.exponent.range(),
+                    s.exponent.unit(),
+                    unit = s.unit
+                ),
+            )
+        })
+        .collect();
+    let [first, second] = analysis.torque_error;
+    facts.push((
+        "fixed point: error bound".into(),
+        format!("{first:.1e} and {second:.1e} N m a tick"),
+    ));
+    facts
+}
+
+/// Torque errors in closed loop, one row a tick.
+fn trace_csv(accuracies: &[Accuracy], writer: impl std::io::Write) -> std::io::Result<()> {
+    let mut csv = csv::Writer::from_writer(writer);
+    let mut header = vec!["t_s".to_string()];
+    for a in accuracies {
+        header.extend([1, 2].map(|joint| format!("{}_tau{joint}_error_Nm", a.number)));
+    }
+    csv.write_record(&header)?;
+    let ticks = accuracies.iter().map(|a| a.trace.len()).min().unwrap_or(0);
+    for tick in 0..ticks {
+        let mut row = vec![accuracies[0].trace[tick].0.to_string()];
+        for a in accuracies {
+            row.extend(a.trace[tick].1.map(|error| error.to_string()));
+        }
+        csv.write_record(&row)?;
+    }
+    csv.flush()
+}
