@@ -15,6 +15,7 @@
 //! | [`integrator`] | one step of a Runge-Kutta method |
 //! | [`plant`] | the simulated arm |
 //! | [`closed_loop`] | controller and plant in lock-step |
+//! | [`pil`] | the firmware's image in QEMU, or a board, in that loop |
 //! | [`cases`] | the demo's cases |
 //! | [`export`], [`report`] | results as CSV and JSON, pictures and a page |
 //! | [`cli`] | the command line |

@@ -5,9 +5,9 @@ use crate::image::{check_panic_free, sizes};
 use crate::{demo, firmware, root};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use host_sim::pil::{self, Processor};
+use host_sim::pil::{self, Emulation, Processor};
 use serde::{Deserialize, Serialize};
-use shared::link::Slot;
+use shared::slot::Slot;
 use std::fs;
 
 /// Options of the verb `budget`.
@@ -77,17 +77,19 @@ pub(crate) fn budget(options: &Options) -> Result<()> {
     let elf = firmware::build()?;
     check_panic_free(&elf)?;
     let sizes = sizes(&elf)?;
-    let Demo { plan, table, setup } = demo::demo(None)?;
-    let mut processor = Processor::emulated(&elf, None)?;
+    let Demo { plan, table, setup } = demo::demo()?;
+    let emulation = Emulation {
+        elf: &elf,
+        table_b: None,
+        accesses: None,
+    };
+    let mut processor = Processor::emulated(&emulation, None)?;
     let options_of_run = demo::options(&setup);
-    let run = pil::run(
-        &mut processor,
-        Slot::A,
-        &plan,
-        &table.image,
-        &options_of_run,
-        |_| {},
-    )?;
+    let run = pil::run(&mut processor, &plan, &table.image, &options_of_run, |_| {})?;
+    ensure!(
+        run.slot == Slot::A,
+        "the image's own table is not in slot A"
+    );
     let [_, median, max] = run
         .counts_spread()
         .map(|counts| processor.instructions(counts));

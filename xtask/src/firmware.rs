@@ -19,7 +19,7 @@ pub(crate) fn cargo(verb: &str) -> Result<Command> {
         .with_context(|| format!("no toolchain has {TARGET}: run `cargo xtask setup`"))?;
     let out = target_folder().join("firmware");
     fs::create_dir_all(&out)?;
-    let Demo { table, setup, .. } = demo::demo(None)?;
+    let Demo { table, setup, .. } = demo::demo()?;
     let mut buffer = [0; 256];
     let setup = setup.encode(&mut buffer)?;
     let mut command = toolchain.command("cargo");

@@ -34,8 +34,9 @@ enum Verb {
     Firmware,
     /// Build the image and write it and its table to a board (needs probe-rs).
     Flash,
-    /// Run the demo with the image in QEMU, or a board, in the loop and compare every
-    /// command bit by bit.
+    /// Build the image and run `host-sim pil` with it: QEMU, or a board, in the loop, every
+    /// command compared bit by bit.
+    #[command(disable_help_flag = true)]
     Pil(pil::Options),
     /// Hold flash, RAM, stack and instructions per tick against firmware/budget.toml, and
     /// check that the tick cannot panic.

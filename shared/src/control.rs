@@ -1,28 +1,55 @@
-//! The tick's interrupt: sample, decide by mode, run the one controller, command.
+//! Disarmed, armed or lock-step: the control tick as the board's interrupt runs it.
 //!
-//! [`Control::tick`] runs in the highest-priority interrupt, for the timer and in
-//! lock-step alike. It does not block, allocate, log or loop. All else runs below it and
-//! reaches [`Control`] through short locks.
+//! [`Control::tick`] samples, decides by [`Mode`], runs the one controller and commands.
+//! It runs in the highest-priority interrupt, for the timer and in lock-step alike, and
+//! does not block, allocate, log or loop. The main loop reaches [`Control`] through short
+//! locks: a controller is prepared outside and handed over by exchanging two references.
 
-use crate::board::constants::{CALIBRATION, SAFETY, TICK_RATE_HZ};
-use crate::board::stm32f405::TickBoard;
-use crate::board::{Drives, Inputs, Sensors, Stopwatch, Timebase};
-use shared::controller::Controller;
-use shared::guard::{Fault, Limiting};
-use shared::law::Measurement;
-use shared::link::{Mode, TickReply};
-use shared::safety::{Interlocks, Watch};
-use shared::sensing::Sensing;
+use crate::board::{Drives, Inputs, Sensors, Stopwatch, TickBoard, Timebase};
+use crate::controller::Controller;
+use crate::guard::{Fault, Limiting};
+use crate::law::Measurement;
+use crate::safety::{Interlocks, SafetyLimits, Watch};
+use crate::sensing::{Calibration, Sensing};
+use serde::{Deserialize, Serialize};
+
+/// What the microcontroller is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Mode {
+    /// Drives off.
+    Disarmed,
+    /// Drives on, running the table.
+    Armed,
+    /// Drives off, ticking for the host.
+    LockStep,
+}
+
+/// The result of one tick in lock-step.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TickReply {
+    /// That of the measurement.
+    pub sequence: u32,
+    /// Tick of the table.
+    pub tick: u32,
+    /// Torques, N m.
+    pub torque: [f32; 2],
+    /// How each was limited.
+    pub limiting: [Limiting; 2],
+    /// Latched fault, if any.
+    pub fault: Option<Fault>,
+    /// Stopwatch counts that the tick took: interrupt handler, sensors and all.
+    pub counts: u32,
+}
+
+/// A place for a controller. There are two, the tick's and the one in which the main loop
+/// prepares the next.
+pub type Prepared<'a> = Option<Controller<'a, f32>>;
 
 /// The controller's tick, less the parts of its command that nobody reads here. The table
 /// columns behind those then need not be evaluated. Not inlined, or the compiler makes a
 /// copy for each mode.
 #[inline(never)]
-fn run(
-    controller: &mut Controller<'static, f32>,
-    measured: &Measurement<f32>,
-    result: &mut TickReply,
-) {
+fn run(controller: &mut Controller<'_, f32>, measured: &Measurement<f32>, result: &mut TickReply) {
     let command = controller.tick(measured);
     result.tick = command.tick;
     result.torque = command.torque;
@@ -31,9 +58,11 @@ fn run(
 }
 
 /// What the tick and the main loop share.
-pub struct Control {
+#[derive(Debug)]
+pub struct Control<'a> {
     mode: Mode,
-    controller: Option<Controller<'static, f32>>,
+    controller: &'a mut Prepared<'a>,
+    limits: SafetyLimits,
     sensing: Sensing,
     watch: Watch,
     fault: Option<Fault>,
@@ -54,15 +83,23 @@ pub struct Control {
     ticks_seen: u32,
 }
 
-impl Control {
-    /// Disarmed, at the home pose.
-    pub fn new(board: &mut TickBoard) -> Self {
+impl<'a> Control<'a> {
+    /// Disarmed, at the home pose. `place` is where the controllers will be.
+    pub fn new<S: Sensors, D, T, W>(
+        board: &mut TickBoard<S, D, T, W>,
+        place: &'a mut Prepared<'a>,
+        limits: &SafetyLimits,
+        calibration: &Calibration,
+        tick_rate_hz: u32,
+    ) -> Self {
         let first = board.sensors.sample();
+        *place = None;
         Self {
             mode: Mode::Disarmed,
-            controller: None,
-            sensing: Sensing::new(&CALIBRATION, TICK_RATE_HZ, &first),
-            watch: Watch::new(&SAFETY),
+            controller: place,
+            limits: *limits,
+            sensing: Sensing::new(calibration, tick_rate_hz, &first),
+            watch: Watch::new(limits),
             fault: None,
             measured: Measurement::default(),
             fresh: false,
@@ -89,7 +126,13 @@ impl Control {
 
     /// One control tick.
     #[inline]
-    pub fn tick(&mut self, board: &mut TickBoard) {
+    pub fn tick<S, D, T, W>(&mut self, board: &mut TickBoard<S, D, T, W>)
+    where
+        S: Sensors,
+        D: Drives + Inputs,
+        T: Timebase,
+        W: Stopwatch,
+    {
         let begun = board.stopwatch.counts();
         let timer = board.timebase.acknowledge();
         let raw = board.sensors.sample();
@@ -108,7 +151,7 @@ impl Control {
             Mode::LockStep => core::mem::take(&mut self.inbox_full).then_some(&self.inbox),
         };
         let mut torque = None;
-        if let (Some(input), Some(controller)) = (input, &mut self.controller) {
+        if let (Some(input), Some(controller)) = (input, self.controller.as_mut()) {
             if !lock_step
                 && let Some(fault) = self.watch.tick(self.interlocks, raw.fresh, self.late)
             {
@@ -134,10 +177,11 @@ impl Control {
         self.outbox.counts = counts;
     }
 
-    /// Enables the drives from the next tick on. The caller has checked that it may.
-    pub fn arm(&mut self, controller: Controller<'static, f32>) {
-        self.controller = Some(controller);
-        self.watch = Watch::new(&SAFETY);
+    /// Enables the drives from the next tick on and runs the `prepared` controller, which
+    /// it takes in exchange for the one before. The caller has checked that it may.
+    pub fn arm(&mut self, prepared: &mut &'a mut Prepared<'a>) {
+        core::mem::swap(&mut self.controller, prepared);
+        self.watch = Watch::new(&self.limits);
         self.late = false;
         self.mode = Mode::Armed;
     }
@@ -147,9 +191,9 @@ impl Control {
         self.mode = Mode::Disarmed;
     }
 
-    /// From the next tick on the host's measurements run the controller.
-    pub fn start_lock_step(&mut self, controller: Controller<'static, f32>) {
-        self.controller = Some(controller);
+    /// From the next tick on the host's measurements run the `prepared` controller.
+    pub fn start_lock_step(&mut self, prepared: &mut &'a mut Prepared<'a>) {
+        core::mem::swap(&mut self.controller, prepared);
         self.inbox_full = false;
         self.mode = Mode::LockStep;
     }
@@ -187,7 +231,8 @@ impl Control {
         self.fault = None;
     }
 
-    /// What [`shared::safety::may_arm`] wants to know.
+    /// What [`crate::safety::may_arm`] wants to know: latched fault, interlocks, and what the
+    /// sensors say, if that is new.
     pub fn standing(&self) -> (Option<Fault>, Interlocks, Option<Measurement<f32>>) {
         (
             self.fault,
