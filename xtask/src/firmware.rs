@@ -2,8 +2,10 @@
 
 use crate::demo::Demo;
 use crate::setup::{TARGET, Toolchain};
-use crate::{demo, output, root, run};
+use crate::{demo, image, output, root, run};
 use anyhow::{Context, Result};
+use clap::Args;
+use shared::table::Table;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, fs};
@@ -62,11 +64,50 @@ pub(crate) fn clippy() -> Result<()> {
     run(cargo("clippy")?.args(["--", "-D", "warnings"]))
 }
 
-/// Builds the image and writes it, table included, to a board.
-pub(crate) fn flash() -> Result<()> {
-    let elf = build()?;
-    run(Command::new("probe-rs")
-        .args(["download", "--chip", "STM32F405RGTx", "--verify"])
-        .arg(elf))
-    .context("probe-rs comes with `cargo install probe-rs-tools`")
+/// Options of the verb `flash`.
+#[derive(Args)]
+pub(crate) struct FlashOptions {
+    /// Write this table image alone, into slot B (a file `table.bin` of host-sim).
+    #[arg(long, value_name = "FILE")]
+    table: Option<PathBuf>,
+    /// Only say what would be written, and by which command.
+    #[arg(long)]
+    list: bool,
+}
+
+/// Start of table slot B, as in `memory.x`.
+const SLOT_B: &str = "0x08040000";
+
+/// Builds the image and writes it, table included, to a board: the file that `pil` boots.
+pub(crate) fn flash(options: &FlashOptions) -> Result<()> {
+    let mut probe = Command::new("probe-rs");
+    probe.args(["download", "--chip", "STM32F405RGTx", "--verify"]);
+    let file = match &options.table {
+        Some(table) => {
+            let bytes =
+                fs::read(table).with_context(|| format!("cannot read {}", table.display()))?;
+            Table::open(&bytes).with_context(|| format!("{} is no table", table.display()))?;
+            probe.args(["--binary-format", "bin", "--base-address", SLOT_B]);
+            table.clone()
+        }
+        None => build()?,
+    };
+    probe.arg(&file);
+    if options.list {
+        let bytes = fs::read(&file)?;
+        let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&bytes);
+        println!(
+            "{}: {} bytes, CRC-32 {crc:#010x}",
+            file.display(),
+            bytes.len()
+        );
+        if options.table.is_none() {
+            for (address, length) in image::segments(&bytes)? {
+                println!("  {length:6} bytes to {address:#010x}");
+            }
+        }
+        println!("{probe:?}");
+        return Ok(());
+    }
+    run(&mut probe).context("probe-rs comes with `cargo install probe-rs-tools`")
 }

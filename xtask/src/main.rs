@@ -33,7 +33,7 @@ enum Verb {
     /// Plan the demo's table and build the firmware's image around it.
     Firmware,
     /// Build the image and write it and its table to a board (needs probe-rs).
-    Flash,
+    Flash(firmware::FlashOptions),
     /// Build the image and run `host-sim pil` with it: QEMU, or a board, in the loop, every
     /// command compared bit by bit.
     #[command(disable_help_flag = true)]
@@ -54,7 +54,7 @@ fn main() -> Result<()> {
             println!("{}", firmware::build()?.display());
             Ok(())
         }
-        Verb::Flash => firmware::flash(),
+        Verb::Flash(options) => firmware::flash(&options),
         Verb::Pil(options) => pil::pil(&options),
         Verb::Budget(options) => budget::budget(&options),
         Verb::Test => ci::test(),
