@@ -19,6 +19,7 @@ use shared::link::{
 use shared::safety::Refusal;
 use shared::slot::{Slot, TableIdentity};
 use shared::table::{Table, TableError};
+use std::collections::VecDeque;
 use std::ffi::OsString;
 use std::io::{self, Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
@@ -230,6 +231,8 @@ pub struct Emulation<'a> {
 struct Link {
     line: Box<dyn Line>,
     receiver: Receiver,
+    /// Replies that have been read with those before them.
+    waiting: VecDeque<Reply>,
     logs: Option<Logs>,
 }
 
@@ -238,18 +241,23 @@ impl Link {
         Self {
             line: Box::new(line),
             receiver: Receiver::new(),
+            waiting: VecDeque::new(),
             logs,
         }
     }
 
     fn ask(&mut self, request: &Request, awaited: &'static str) -> Result<Reply, PilError> {
+        self.send(request, awaited)?;
+        self.reply(awaited)
+    }
+
+    fn send(&mut self, request: &Request, awaited: &'static str) -> Result<(), PilError> {
         let mut buffer = [0; FRAME_MAX];
         let frame = encode(request, &mut buffer).map_err(|error| PilError::Line {
             awaited,
             source: io::Error::other(error),
         })?;
-        self.write(frame, awaited)?;
-        self.reply(awaited)
+        self.write(frame, awaited)
     }
 
     fn write(&mut self, bytes: &[u8], awaited: &'static str) -> Result<(), PilError> {
@@ -262,12 +270,14 @@ impl Link {
     fn reply(&mut self, awaited: &'static str) -> Result<Reply, PilError> {
         let mut bytes = [0; FRAME_MAX];
         loop {
+            if let Some(reply) = self.waiting.pop_front() {
+                return Ok(reply);
+            }
             let count = match self.line.read(&mut bytes) {
                 Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),
                 other => other,
             }
             .map_err(|source| PilError::Line { awaited, source })?;
-            let mut found = None;
             for byte in &bytes[..count] {
                 match self.receiver.push(*byte) {
                     Some(Reply::Log(entry)) => {
@@ -275,12 +285,8 @@ impl Link {
                             logs.tell(&entry);
                         }
                     }
-                    // Replies come one by one; of several the last counts.
-                    reply => found = reply.or(found),
+                    reply => self.waiting.extend(reply),
                 }
-            }
-            if let Some(reply) = found {
-                return Ok(reply);
             }
         }
     }
@@ -386,7 +392,18 @@ impl Processor {
             })?;
         let mut link = Link::new(line, logs);
         link.write(&[0], "identity")?; // ends what a broken run left
-        let identity = Link::identity(&link.ask(&Request::Hello, "identity")?)?;
+        // A board that has just started introduces itself once more by itself. The status
+        // comes after both, and after what a broken run may have left unread.
+        let mut reply = link.ask(&Request::Hello, "identity")?;
+        let mut identity = Link::identity(&reply);
+        link.send(&Request::Status, "status")?;
+        while !matches!(reply, Reply::Status(_)) {
+            if let Reply::Identity(found) = reply {
+                identity = Ok(found);
+            }
+            reply = link.reply("status")?;
+        }
+        let identity = identity?;
         Ok(Self {
             link,
             identity,

@@ -257,3 +257,295 @@ impl<'a> Control<'a> {
         )
     }
 }
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use crate::arm::{ArmParameters, Elbow};
+    use crate::guard::LimitParameters;
+    use crate::law::LawParameters;
+    use crate::sensing::RawSample;
+    use crate::table::{Header, Piece, Reference, Table, TableWriter, image_bytes};
+    use std::boxed::Box;
+
+    const RATE_HZ: u32 = 1000;
+    const TORQUE: [f64; 2] = [5.0, -0.5];
+    const LIMITS: SafetyLimits = SafetyLimits {
+        start_rad: [0.01; 3],
+        link_timeout_ticks: 20,
+    };
+    const CALIBRATION: Calibration = Calibration {
+        encoder_rad: [1e-3; 2],
+        home_rad: [0.5, -0.5],
+        force_n: (0.01, 2048.0),
+        slope_rad: (1e-3, 2048.0),
+    };
+
+    /// Everything that a board does, in memory.
+    #[derive(Debug, Default)]
+    struct Bench {
+        sample: RawSample,
+        interlocks: Option<Interlocks>,
+        torque: Option<[f32; 2]>,
+        running: bool,
+        timer: bool,
+        due: bool,
+        counts: core::cell::Cell<u32>,
+    }
+
+    impl Sensors for Bench {
+        fn sample(&mut self) -> RawSample {
+            self.sample
+        }
+    }
+    impl Drives for Bench {
+        fn command(&mut self, torque: [f32; 2]) {
+            self.torque = Some(torque);
+        }
+        fn off(&mut self) {
+            self.torque = None;
+        }
+    }
+    impl Inputs for Bench {
+        fn interlocks(&self) -> Interlocks {
+            self.interlocks.unwrap()
+        }
+    }
+    impl Timebase for Bench {
+        fn acknowledge(&mut self) -> bool {
+            self.timer
+        }
+        fn due(&self) -> bool {
+            self.due
+        }
+        fn run(&mut self, run: bool) {
+            self.running = run;
+        }
+    }
+    impl Stopwatch for Bench {
+        fn counts(&self) -> u32 {
+            self.counts.set(self.counts.get() + 7);
+            self.counts.get()
+        }
+    }
+
+    type Board = TickBoard<Bench, Bench, Bench, Bench>;
+
+    struct Rig {
+        board: Board,
+        control: Control<'static>,
+        prepared: &'static mut Prepared<'static>,
+    }
+
+    /// A controller that gives [`TORQUE`] at every tick.
+    fn controller() -> Controller<'static, f32> {
+        let arm = ArmParameters {
+            link1_length_m: 0.5,
+            link1_mass_kg: 8.0,
+            link2_length_m: 0.55,
+            link2_mass_kg: 0.24,
+            bending_stiffness_nm2: 0.48,
+            damping_ratio: 0.05,
+            root_inertia_kgm2: 0.0,
+            tip_mass_kg: 0.0,
+            tip_inertia_kgm2: 0.0,
+            gravity_m_s2: [0.0, 9.81],
+            elbow: Elbow::Down,
+        };
+        let header = Header {
+            arm_fingerprint: arm.fingerprint(),
+            tick_rate_hz: RATE_HZ,
+            ticks: 100,
+            first_tick: 0,
+            scaling: [20; 8],
+        };
+        let pieces = [Piece {
+            ticks: 100,
+            segments: 1,
+        }];
+        let image = Box::leak(std::vec![0; image_bytes(&pieces)].into_boxed_slice());
+        let mut writer = TableWriter::new(image, &header, &pieces).unwrap();
+        let row = Reference {
+            torque: TORQUE,
+            ..Reference::default()
+        };
+        for _ in 0..pieces[0].rows() {
+            writer.row(&row).unwrap();
+        }
+        writer.finish().unwrap();
+        let limits = LimitParameters {
+            torque_nm: [20.0, 2.0],
+            torque_rate_nm_s: [1e6; 2],
+        };
+        let table = Table::open(image).unwrap();
+        Controller::new(&table, &arm, &LawParameters::FEEDFORWARD, &limits).unwrap()
+    }
+
+    /// True for the table's torques, but for the spline's rounding.
+    fn planned(torque: [f32; 2]) -> bool {
+        (0..2).all(|i| (f64::from(torque[i]) - TORQUE[i]).abs() < 1e-5)
+    }
+
+    impl Rig {
+        fn new() -> Self {
+            let bench = || Bench {
+                sample: RawSample {
+                    force: 2048,
+                    strain: 2048,
+                    fresh: true,
+                    ..RawSample::default()
+                },
+                interlocks: Some(Interlocks {
+                    stop_released: true,
+                    drives_well: true,
+                }),
+                timer: true,
+                ..Bench::default()
+            };
+            let mut board = TickBoard {
+                sensors: bench(),
+                drives: bench(),
+                timebase: bench(),
+                stopwatch: bench(),
+            };
+            let place = Box::leak(Box::new(None));
+            let control = Control::new(&mut board, place, &LIMITS, &CALIBRATION, RATE_HZ);
+            Self {
+                board,
+                control,
+                prepared: Box::leak(Box::new(Some(controller()))),
+            }
+        }
+
+        fn armed() -> Self {
+            let mut rig = Self::new();
+            rig.tick();
+            rig.control.arm(&mut rig.prepared);
+            rig.tick();
+            rig
+        }
+
+        fn tick(&mut self) {
+            self.control.tick(&mut self.board);
+        }
+
+        fn torque(&self) -> Option<[f32; 2]> {
+            self.board.drives.torque
+        }
+    }
+
+    #[test]
+    fn it_starts_disarmed_with_drives_off() {
+        let mut rig = Rig::new();
+        rig.board.drives.torque = Some([1.0; 2]);
+        rig.tick();
+        assert_eq!(rig.torque(), None);
+        let (mode, tick, fault, ticks, counts) = rig.control.report();
+        assert_eq!((mode, tick, fault, ticks), (Mode::Disarmed, 0, None, 1));
+        assert_eq!(counts, 7);
+        let (latched, interlocks, measured) = rig.control.standing();
+        assert!(latched.is_none() && interlocks.stop_released && interlocks.drives_well);
+        assert!((measured.unwrap().angle[0] - 0.5).abs() < 1e-6);
+    }
+
+    #[test]
+    fn armed_it_commands_and_disarmed_it_stops() {
+        let mut rig = Rig::armed();
+        assert!(rig.torque().is_some_and(planned));
+        rig.tick();
+        assert_eq!(rig.control.report().1, 1);
+        rig.control.disarm();
+        rig.tick();
+        assert_eq!(rig.torque(), None);
+    }
+
+    #[test]
+    fn every_cause_stops_an_armed_arm_at_once_and_is_latched() {
+        type Cause = fn(&mut Rig);
+        let causes: [(Fault, Cause); 6] = [
+            (Fault::EmergencyStop, |rig| {
+                rig.board.drives.interlocks.as_mut().unwrap().stop_released = false;
+            }),
+            (Fault::Drive, |rig| {
+                rig.board.drives.interlocks.as_mut().unwrap().drives_well = false;
+            }),
+            (Fault::SensorsStale, |rig| {
+                rig.board.sensors.sample.fresh = false
+            }),
+            (Fault::TickOverrun, |rig| {
+                // The tick that is late is found out at its end, so the next one stops.
+                rig.board.timebase.due = true;
+                rig.tick();
+                assert!(rig.torque().is_some());
+            }),
+            (Fault::LinkTimeout, |rig| {
+                for _ in 1..LIMITS.link_timeout_ticks {
+                    rig.tick();
+                    assert!(rig.torque().is_some());
+                }
+            }),
+            (Fault::MeasurementNotFinite, |rig| {
+                rig.control.sensing = Sensing::new(
+                    &Calibration {
+                        force_n: (f32::INFINITY, 0.0),
+                        ..CALIBRATION
+                    },
+                    RATE_HZ,
+                    &rig.board.sensors.sample,
+                );
+            }),
+        ];
+        for (fault, cause) in causes {
+            let mut rig = Rig::armed();
+            cause(&mut rig);
+            rig.tick();
+            assert_eq!(rig.torque(), None, "{fault}");
+            let (mode, _, latched, ..) = rig.control.report();
+            assert_eq!((mode, latched), (Mode::Disarmed, Some(fault)));
+            assert_eq!(rig.control.standing().0, Some(fault));
+            rig.tick();
+            assert_eq!(rig.torque(), None);
+            rig.control.acknowledge();
+            assert_eq!(rig.control.standing().0, None);
+        }
+    }
+
+    #[test]
+    fn requests_keep_an_armed_arm_going() {
+        let mut rig = Rig::armed();
+        for _ in 0..5 * LIMITS.link_timeout_ticks {
+            rig.control.heard();
+            rig.tick();
+        }
+        assert!(rig.torque().is_some());
+    }
+
+    #[test]
+    fn in_lock_step_the_host_gives_the_pace_and_the_drives_stay_off() {
+        let mut rig = Rig::new();
+        assert!(!rig.control.put(1, Measurement::default()));
+        rig.control.start_lock_step(&mut rig.prepared);
+        // The timer's last tick; it rests from then on.
+        rig.tick();
+        assert!(!rig.board.timebase.running);
+        rig.board.timebase.timer = false;
+        // Neither stop nor stale sensors matter to a tick that drives nothing.
+        rig.board.drives.interlocks.as_mut().unwrap().stop_released = false;
+        rig.board.sensors.sample.fresh = false;
+        for sequence in 7..10 {
+            assert!(rig.control.put(sequence, Measurement::default()));
+            rig.tick();
+            let reply = rig.control.result();
+            assert_eq!((reply.sequence, reply.tick), (sequence, sequence - 7));
+            assert!(planned(reply.torque) && reply.counts == 7);
+            assert_eq!(rig.torque(), None);
+            assert!(rig.control.alive());
+        }
+        rig.control.disarm();
+        rig.tick();
+        assert!(rig.board.timebase.running);
+        assert!(rig.control.alive());
+        assert!(!rig.control.alive(), "no tick since");
+    }
+}
