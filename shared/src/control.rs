@@ -471,7 +471,7 @@ mod tests {
                 rig.board.drives.interlocks.as_mut().unwrap().drives_well = false;
             }),
             (Fault::SensorsStale, |rig| {
-                rig.board.sensors.sample.fresh = false
+                rig.board.sensors.sample.fresh = false;
             }),
             (Fault::TickOverrun, |rig| {
                 // The tick that is late is found out at its end, so the next one stops.
