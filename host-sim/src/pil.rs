@@ -502,6 +502,14 @@ impl Processor {
         self.link.write(bytes, awaited)
     }
 
+    /// The next reply, to a request that was written as bytes.
+    ///
+    /// # Errors
+    /// [`PilError::Line`].
+    pub fn reply(&mut self, awaited: &'static str) -> Result<Reply, PilError> {
+        self.link.reply(awaited)
+    }
+
     /// Instructions for stopwatch counts; `None` on hardware, whose stopwatch counts time.
     pub fn instructions(&self, counts: u32) -> Option<u32> {
         let nops = u64::from(self.identity.counts_per_1000_nops);

@@ -621,6 +621,17 @@ fn abuse_of_the_link_is_counted_and_survived() {
     assert!(count(after.frame_errors) > count(errors) + 20);
     assert_eq!(after.mode, Mode::Disarmed);
 
+    // A flood: more good frames than the receive queue holds, without waiting for answers.
+    const FLOOD: usize = 1000;
+    let status = encode(&Request::Status, &mut frame).unwrap().repeat(FLOOD);
+    processor.write(&status, "nothing").unwrap();
+    for _ in 0..FLOOD {
+        let Reply::Status(status) = processor.reply("status").unwrap() else {
+            panic!("another answer than to a status");
+        };
+        assert_eq!(status.bytes_lost, after.bytes_lost);
+    }
+
     // And it still works.
     processor.start(Slot::A, &setup()).unwrap();
     processor.tick(9, &Measurement::default()).unwrap();
