@@ -36,7 +36,7 @@
 //! | 4 acknowledge | `04` |
 //! | 5 start lock-step | `05`, slot (0 A, 1 B), [`Setup`] |
 //! | 6 stop lock-step | `06` |
-//! | 7 measured | `07`, sequence varint, angle 2 x f32, root slope f32, root slope rate f32, force f32, drive 2 x ([`Limiting`]: 0 no, 1 from above, 2 from below) |
+//! | 7 measured | `07`, sequence varint, angle 2 x f32, root slope f32, root slope rate f32, force f32, drive 2 x ([`Limiting`](crate::guard::Limiting): 0 no, 1 from above, 2 from below) |
 //!
 //! A [`Setup`] is 158 bytes, or 8 more for each filter corner that is given: arm 11 x
 //! f64 and elbow (0 down, 1 up); law: `K_DF`, `K_PF`, `K_IF`, `K_w` f64, force filter
