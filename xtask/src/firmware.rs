@@ -55,8 +55,13 @@ fn git() -> String {
 /// Builds the image; returns the ELF's path.
 pub(crate) fn build() -> Result<PathBuf> {
     run(&mut cargo("build")?)?;
+    Ok(elf())
+}
+
+/// The one ELF: `flash` writes it, `pil` boots it.
+fn elf() -> PathBuf {
     let folder = target_folder().join("firmware").join(TARGET);
-    Ok(folder.join("release/firmware"))
+    folder.join("release/firmware")
 }
 
 /// Lints the image's sources.
@@ -110,4 +115,22 @@ pub(crate) fn flash(options: &FlashOptions) -> Result<()> {
         return Ok(());
     }
     run(&mut probe).context("probe-rs comes with `cargo install probe-rs-tools`")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use host_sim::pil::DEFAULT_ELF;
+
+    #[test]
+    fn what_is_flashed_is_what_pil_boots_by_itself() {
+        let place = DEFAULT_ELF.strip_prefix("target/").unwrap();
+        assert!(elf().ends_with(place));
+    }
+
+    #[test]
+    fn slot_b_is_where_the_memory_map_has_it() {
+        let map = fs::read_to_string(root().join("memory.x")).unwrap();
+        assert!(map.contains(&format!("TABLE_B : ORIGIN = {SLOT_B}, LENGTH = 128K")));
+    }
 }
