@@ -1,48 +1,55 @@
 //! Answers the host's requests, in the main loop.
 
+use crate::board::Clocks;
 use crate::board::constants::{SAFETY, TICK_RATE_HZ};
-use crate::board::stm32f405::Clocks;
-use crate::control::Control;
-use crate::{identity, slots, stack};
+use crate::{identity, log, slots, stack};
 use rtic::Mutex;
+use shared::control::{Control, Mode, Prepared};
 use shared::controller::Controller;
 use shared::link::{
-    ClockSource, FRAME_MAX, FrameErrors, Identity, Mode, Reply, Request, Setup, Slot, SlotError,
-    StartReason, Status, TableIdentity, encode,
+    FRAME_MAX, FrameErrors, Identity, Reply, Request, Setup, StartReason, Status, encode,
 };
 use shared::safety::{Refusal, may_arm};
+use shared::slot::{Slot, TableIdentity};
 use shared::table::Table;
 
 /// What the main loop knows.
 pub struct Comms {
     setup: Option<Setup>,
-    clock: ClockSource,
-    timer_hz: u32,
+    clocks: Clocks,
     counts_per_1000_nops: u32,
     start: StartReason,
+    /// Where the next controller is made, away from the tick's.
+    prepared: &'static mut Prepared<'static>,
 }
 
 impl Comms {
     /// Reads the image's setup.
-    pub fn new(clocks: &Clocks, counts_per_1000_nops: u32, start: StartReason) -> Self {
-        defmt::info!("start: {}, clock: {}", start, clocks.source);
+    pub fn new(
+        clocks: &Clocks,
+        counts_per_1000_nops: u32,
+        start: StartReason,
+        prepared: &'static mut Prepared<'static>,
+    ) -> Self {
         Self {
             setup: slots::setup(),
-            clock: clocks.source,
-            timer_hz: clocks.timer_hz,
+            clocks: *clocks,
             counts_per_1000_nops,
             start,
+            prepared,
         }
     }
 
     /// Who this is; opens both slots.
     pub fn identity(&self) -> Reply {
+        defmt::info!("start: {}, clock: {}", self.start, self.clocks.source);
         let arm_fingerprint = self.setup.map(|setup| setup.arm.fingerprint());
         // Without an arm no table fits; 0 stands for it as good as any number.
         let slots = Slot::ALL.map(|slot| {
             let table = slots::open(slot, arm_fingerprint.unwrap_or(0));
-            if let Err(error) = table {
-                defmt::info!("slot {}: no usable table, {}", slot, error);
+            match &table {
+                Ok(table) => defmt::info!("slot {}: table {=u32:#x}", slot, table.crc()),
+                Err(error) => defmt::info!("slot {}: no usable table, {}", slot, error),
             }
             table.map(|table| TableIdentity::from(&table))
         });
@@ -52,18 +59,19 @@ impl Comms {
             arm_fingerprint,
             slots,
             tick_rate_hz: TICK_RATE_HZ,
-            stopwatch_hz: self.timer_hz,
+            core_hz: self.clocks.core_hz,
+            stopwatch_hz: self.clocks.timer_hz,
             counts_per_1000_nops: self.counts_per_1000_nops,
-            clock: self.clock,
+            clock: self.clocks.source,
             start: self.start,
         })
     }
 
     /// Does what is asked and says so. `pend` requests the tick's interrupt.
     pub fn answer(
-        &self,
+        &mut self,
         request: &Request,
-        control: &mut impl Mutex<T = Control>,
+        control: &mut impl Mutex<T = Control<'static>>,
         lost: (FrameErrors, u32),
         pend: impl Fn(),
     ) -> Reply {
@@ -82,7 +90,12 @@ impl Comms {
                 control.lock(Control::acknowledge);
                 Ok(())
             }
-            Request::StartLockStep { slot, setup } => start_lock_step(slot, &setup, control),
+            Request::StartLockStep { slot, setup } => {
+                match self.start_lock_step(slot, &setup, control) {
+                    Ok(table) => return Reply::LockStep(table),
+                    Err(refusal) => Err(refusal),
+                }
+            }
             Request::StopLockStep => {
                 let running = control.lock(|c| c.report().0 == Mode::LockStep);
                 if running {
@@ -118,7 +131,7 @@ impl Comms {
             .or_else(|a| slots::open(Slot::B, fingerprint).map_err(|b| Refusal::NoTable(a, b)))
     }
 
-    fn arm(&self, control: &mut impl Mutex<T = Control>) -> Result<(), Refusal> {
+    fn arm(&mut self, control: &mut impl Mutex<T = Control<'static>>) -> Result<(), Refusal> {
         if control.lock(|c| c.report().0) != Mode::Disarmed {
             return Err(Refusal::Busy);
         }
@@ -127,32 +140,37 @@ impl Comms {
         let first_row = table.cursor().reference();
         let (latched, interlocks, measured) = control.lock(|c| c.standing());
         may_arm(&SAFETY, latched, interlocks, measured.as_ref(), &first_row)?;
-        let controller = controller(&table, &setup)?;
-        control.lock(|c| c.arm(controller));
+        self.prepare(&table, &setup)?;
+        control.lock(|c| c.arm(&mut self.prepared));
+        defmt::info!("armed");
+        Ok(())
+    }
+
+    fn start_lock_step(
+        &mut self,
+        slot: Slot,
+        setup: &Setup,
+        control: &mut impl Mutex<T = Control<'static>>,
+    ) -> Result<TableIdentity, Refusal> {
+        if control.lock(|c| c.report().0) == Mode::Armed {
+            return Err(Refusal::Busy);
+        }
+        let table = slots::open(slot, setup.arm.fingerprint()).map_err(Refusal::Table)?;
+        self.prepare(&table, setup)?;
+        control.lock(|c| c.start_lock_step(&mut self.prepared));
+        Ok(TableIdentity::from(&table))
+    }
+
+    /// Makes the next controller, with no lock held.
+    fn prepare(&mut self, table: &Table<'static>, setup: &Setup) -> Result<(), Refusal> {
+        let controller = Controller::new(table, &setup.arm, &setup.law, &setup.limits)
+            .map_err(|error| Refusal::Table(error.into()))?;
+        *self.prepared = Some(controller);
         Ok(())
     }
 }
 
-fn controller(table: &Table<'static>, setup: &Setup) -> Result<Controller<'static, f32>, Refusal> {
-    Controller::new(table, &setup.arm, &setup.law, &setup.limits)
-        .map_err(|error| Refusal::Table(error.into()))
-}
-
-fn start_lock_step(
-    slot: Slot,
-    setup: &Setup,
-    control: &mut impl Mutex<T = Control>,
-) -> Result<(), Refusal> {
-    if control.lock(|c| c.report().0) == Mode::Armed {
-        return Err(Refusal::Busy);
-    }
-    let table: Result<_, SlotError> = slots::open(slot, setup.arm.fingerprint());
-    let controller = controller(&table.map_err(Refusal::Table)?, setup)?;
-    control.lock(|c| c.start_lock_step(controller));
-    Ok(())
-}
-
-fn status(control: &mut impl Mutex<T = Control>, lost: (FrameErrors, u32)) -> Reply {
+fn status(control: &mut impl Mutex<T = Control<'static>>, lost: (FrameErrors, u32)) -> Reply {
     let (mode, tick, fault, ticks_total, counts_max) = control.lock(|c| c.report());
     Reply::Status(Status {
         mode,
@@ -163,6 +181,7 @@ fn status(control: &mut impl Mutex<T = Control>, lost: (FrameErrors, u32)) -> Re
         stack_bytes: stack::deepest(),
         frame_errors: lost.0,
         bytes_lost: lost.1,
+        logs_lost: log::lost(),
     })
 }
 

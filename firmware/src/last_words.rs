@@ -1,15 +1,16 @@
 //! What remains of a panic or a fault: the drives are switched off first, the reason goes
 //! into RAM that the reset does not clear, and the next start reports it.
 
-use crate::board::stm32f405::emergency_off;
+use crate::board::emergency_off;
+use core::arch::naked_asm;
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicU32, Ordering};
 use cortex_m::peripheral::SCB;
-use cortex_m_rt::{ExceptionFrame, exception};
 use shared::link::StartReason;
 
 const PANIC: u32 = 0x504e_4943;
 const FAULT: u32 = 0x4641_4c54;
+const STACK: u32 = 0x5354_4143;
 
 /// Kind, two values, and their check word. Random after power-up, which the check word
 /// tells.
@@ -36,6 +37,7 @@ pub fn take(watchdog_reset: bool) -> StartReason {
     match kind {
         PANIC if valid => StartReason::Panic { line: a, file: b },
         FAULT if valid => StartReason::HardFault { pc: a, status: b },
+        STACK if valid => StartReason::StackOverflow { status: b },
         _ if watchdog_reset => StartReason::Watchdog,
         _ => StartReason::Normal,
     }
@@ -52,11 +54,40 @@ fn panic(info: &PanicInfo) -> ! {
     reset(PANIC, line, file)
 }
 
-// SAFETY: touches nothing that the interrupted code may hold, and does not return.
-#[exception]
-unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+/// The vector's target. Not cortex-m-rt's trampoline, for that goes on with the stack as
+/// it is: after an overflow the handler's first push would lock the core up.
+///
+/// # Safety
+/// For the hardware to call.
+// SAFETY: the name that cortex-m-rt's vector table has for the handler.
+#[unsafe(naked)]
+#[unsafe(export_name = "HardFault")]
+unsafe extern "C" fn hard_fault_entry() -> ! {
+    naked_asm!(
+        "mrs r0, msp", // the frame that the hardware pushed
+        "ldr r1, =_fault_stack_start",
+        "mov sp, r1",
+        "b {handler}",
+        handler = sym hard_fault,
+    )
+}
+
+/// Goes on with a HardFault on a stack of its own, with interrupts held off by priority.
+extern "C" fn hard_fault(frame: *const u32) -> ! {
+    /// Place of the program counter in the frame: after r0 to r3, r12 and lr.
+    const PC: usize = 6;
+    unsafe extern "C" {
+        static _stack_end: u32;
+        static _stack_start: u32;
+    }
     emergency_off();
     // SAFETY: a read without side effects of a register that always exists.
     let status = unsafe { (*SCB::PTR).cfsr.read() };
-    reset(FAULT, frame.pc(), status)
+    let stack = (&raw const _stack_end).addr()..(&raw const _stack_start).addr();
+    if stack.contains(&frame.addr()) {
+        // SAFETY: within the stack, where the hardware has just written it.
+        let pc = unsafe { frame.add(PC).read() };
+        reset(FAULT, pc, status)
+    }
+    reset(STACK, 0, status)
 }

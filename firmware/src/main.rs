@@ -3,25 +3,22 @@
 //!
 //! | priority | what | where |
 //! |---|---|---|
-//! | 2, highest | the control tick, 5 kHz (TIM2), or on the host's request | [`control`] |
+//! | 2, highest | the control tick, 5 kHz (TIM2), or on the host's request | [`shared::control`] |
 //! | 1 | bytes of the link (USART1) into and out of queues | `serial` |
 //! | 0 | the main loop: requests, watchdog | [`comms`] |
 //!
 //! RTIC 2 schedules them: its priority ceilings prove at compile time that the tick
 //! shares data with the main loop only under a lock, and a lock from the tick itself
-//! costs nothing. Locks in the main loop copy one small struct; the longest hands over a
-//! controller.
+//! costs nothing. Locks in the main loop copy one small struct or exchange two references;
+//! `cargo xtask budget` counts the instructions of every stretch with interrupts held off.
 
 #![no_std]
 #![no_main]
 
-// The logger: into a buffer that a debug probe reads (RTT).
-use defmt_rtt as _;
-
 mod board;
 mod comms;
-mod control;
 mod last_words;
+mod log;
 mod slots;
 mod stack;
 
@@ -31,7 +28,7 @@ mod identity {
 }
 
 /// Stopwatch counts that 1,000 `nop` instructions take, with no interrupt between.
-fn calibrate(stopwatch: &impl board::Stopwatch) -> u32 {
+fn calibrate(stopwatch: &impl shared::board::Stopwatch) -> u32 {
     let begun = stopwatch.counts();
     // SAFETY: assembles to 1,000 nops and nothing else.
     unsafe { core::arch::asm!(".rept 1000", "nop", ".endr", options(nomem, nostack)) };
@@ -43,19 +40,21 @@ fn calibrate(stopwatch: &impl board::Stopwatch) -> u32 {
 
 #[rtic::app(device = stm32f4::stm32f405, peripherals = true)]
 mod app {
-    use crate::board::constants::{RECEIVE_QUEUE, TRANSMIT_QUEUE, WAKE_CYCLES};
-    use crate::board::stm32f405::{Board, Serial, TickBoard, Watchdog};
+    use crate::board::constants::{
+        CALIBRATION, RECEIVE_QUEUE, SAFETY, TICK_RATE_HZ, TRANSMIT_QUEUE, WAKE_CYCLES,
+    };
+    use crate::board::{Board, Serial, TickBoard, Watchdog};
     use crate::comms::{self, Comms};
-    use crate::control::Control;
-    use crate::{calibrate, last_words, stack};
+    use crate::{calibrate, last_words, log, stack};
     use cortex_m::peripheral::syst::SystClkSource;
     use heapless::spsc::{Consumer, Producer, Queue};
-    use shared::link::{Receiver, Request};
+    use shared::control::{Control, Prepared};
+    use shared::link::{FRAME_MAX, Receiver, Reply, Request};
     use stm32f4::stm32f405::Interrupt;
 
     #[shared]
     struct Shared {
-        control: Control,
+        control: Control<'static>,
         /// Received bytes that were lost.
         bytes_lost: u32,
     }
@@ -75,13 +74,15 @@ mod app {
     #[init(local = [
         receive: Queue<u8, RECEIVE_QUEUE> = Queue::new(),
         transmit: Queue<u8, TRANSMIT_QUEUE> = Queue::new(),
+        running: Prepared<'static> = None,
+        prepared: Prepared<'static> = None,
     ])]
     fn init(context: init::Context) -> (Shared, Local) {
         stack::paint();
         let mut board = Board::new(context.device);
         let start = last_words::take(board.watchdog_reset);
         let nops = calibrate(&board.tick.stopwatch);
-        let comms = Comms::new(&board.clocks, nops, start);
+        let comms = Comms::new(&board.clocks, nops, start, context.local.prepared);
         let mut watchdog = board.watchdog;
         watchdog.start();
         let mut systick = context.core.SYST;
@@ -93,7 +94,13 @@ mod app {
         let (received, from_host) = context.local.receive.split();
         let (to_host, to_send) = context.local.transmit.split();
         let shared = Shared {
-            control: Control::new(&mut board.tick),
+            control: Control::new(
+                &mut board.tick,
+                context.local.running,
+                &SAFETY,
+                &CALIBRATION,
+                TICK_RATE_HZ,
+            ),
             bytes_lost: 0,
         };
         let local = Local {
@@ -148,16 +155,18 @@ mod app {
         let control = &mut context.shared.control;
         // A reply that does not fit the queue is cut short: the host sees a bad frame,
         // and no host that waits for its answers gets there.
-        let mut send = |reply: &_| {
+        let to_host = local.to_host;
+        let send = |to_host: &mut Producer<'static, u8>, reply: &Reply| {
             comms::send(reply, |byte| {
-                let _ = local.to_host.enqueue(byte);
+                let _ = to_host.enqueue(byte);
             });
             rtic::pend(Interrupt::USART1);
         };
         let mut receiver = Receiver::new();
         let mut fault = None;
         // The host may have been listening before this started.
-        send(&local.comms.identity());
+        let identity = local.comms.identity();
+        send(to_host, &identity);
         loop {
             if control.lock(Control::alive) {
                 local.watchdog.feed();
@@ -169,6 +178,12 @@ mod app {
                     Some(fault) => defmt::error!("stopped by {}, drives off", fault),
                     None => defmt::info!("fault acknowledged"),
                 }
+            }
+            // The log waits for the answers: a reply and an entry always fit together.
+            if to_host.capacity() - to_host.len() >= 2 * FRAME_MAX
+                && let Some(entry) = log::take()
+            {
+                send(to_host, &Reply::Log(entry));
             }
             let Some(byte) = local.from_host.dequeue() else {
                 // With interrupts masked a request between the look and the sleep still
@@ -189,7 +204,7 @@ mod app {
                             rtic::pend(Interrupt::TIM2);
                             cortex_m::asm::isb();
                         });
-                send(&reply);
+                send(to_host, &reply);
             }
         }
     }

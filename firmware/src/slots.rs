@@ -1,7 +1,8 @@
 //! The tables in flash, read in place, and the setup in the image.
 
 use crate::board::constants::TICK_RATE_HZ;
-use shared::link::{Setup, Slot, SlotError};
+use shared::link::Setup;
+use shared::slot::{self, Slot, SlotError};
 use shared::table::Table;
 
 /// The setup that the image was built with.
@@ -47,13 +48,5 @@ fn region(slot: Slot) -> &'static [u8] {
 /// # Errors
 /// The first [`SlotError`] that applies.
 pub fn open(slot: Slot, arm_fingerprint: u32) -> Result<Table<'static>, SlotError> {
-    let region = region(slot);
-    let length = Table::stated_bytes(region)?;
-    let image = region.get(..length).ok_or(SlotError::Length)?;
-    let table = Table::open_for(image, arm_fingerprint)?;
-    if table.header().tick_rate_hz == TICK_RATE_HZ {
-        Ok(table)
-    } else {
-        Err(SlotError::TickRate)
-    }
+    slot::open(region(slot), arm_fingerprint, TICK_RATE_HZ)
 }

@@ -13,6 +13,7 @@ use crate::closed_loop::{self, Outcome, Run, RunError, RunOptions};
 use crate::config::{self, ArmConfig, ConfigError};
 use crate::export;
 use crate::knots::{self, EncodedTable};
+use crate::pil::{self, Emulation, Logs, PilError, PilRun, Processor};
 use crate::plan::{self, Equations, Plan, PlanError, PlanOptions, Task};
 use crate::plant::{PlantParameters, Start};
 use crate::ranges::{self, RangeError};
@@ -23,7 +24,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
 use shared::guard::LimitParameters;
 use shared::law::LawParameters;
+use shared::link::Setup;
 use shared::table::{Table, TableError};
+use std::ffi::OsString;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -69,6 +72,12 @@ enum Command {
         after_help = "Example: host-sim accuracy --out out/accuracy\n\nThe task in closed loop, random and adversarial measurements. Writes summary.json, accuracy.csv, figures and report.html."
     )]
     Accuracy(accuracy::AccuracyArgs),
+    /// As run, with the firmware's image in QEMU, or a board on a serial port, as the
+    /// controller; every command is compared bit by bit with the simulator's own.
+    #[command(
+        after_help = "Example: host-sim pil --task examples/task_fast.toml --plant examples/plant_soft.toml --out out/pil\n\n`cargo xtask setup` installs QEMU, `cargo xtask firmware` builds the image. Writes what run writes. The firmware's log goes to standard error. Exit code 1 if a command differs."
+    )]
+    Pil(PilArgs),
 }
 
 /// Files and places that every command takes.
@@ -113,8 +122,9 @@ struct PlanArgs {
     out: PathBuf,
 }
 
+/// What is run: task, controller and plant.
 #[derive(Args)]
-struct RunArgs {
+struct SimulationArgs {
     #[command(flatten)]
     common: Common,
     /// Gains; without it those of examples/controller.toml
@@ -136,14 +146,38 @@ struct RunArgs {
     /// State that the plant starts in; before the plant file's
     #[arg(long, value_enum)]
     start: Option<StartArg>,
-    /// Number type that the controller computes in
-    #[arg(long, value_enum, default_value_t = NumberArg::F32)]
-    number: NumberArg,
     /// A table to run instead of the one that is planned; it must fit arm and task
     #[arg(long, value_name = "FILE")]
     table: Option<PathBuf>,
+}
+
+#[derive(Args)]
+struct RunArgs {
+    #[command(flatten)]
+    simulation: SimulationArgs,
+    /// Number type that the controller computes in
+    #[arg(long, value_enum, default_value_t = NumberArg::F32)]
+    number: NumberArg,
     /// Folder for the results; made if it is not there
     #[arg(long, value_name = "DIR", default_value = "out/run")]
+    out: PathBuf,
+}
+
+#[derive(Args)]
+struct PilArgs {
+    #[command(flatten)]
+    simulation: SimulationArgs,
+    /// The firmware's image: what QEMU boots, and the log's symbols
+    #[arg(long, value_name = "FILE", default_value = pil::DEFAULT_ELF)]
+    elf: PathBuf,
+    /// A board on this serial port instead of QEMU
+    #[arg(long, value_name = "PORT")]
+    port: Option<String>,
+    /// After the run compare this many measurements of arbitrary bits
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    random: u32,
+    /// Folder for the results; made if it is not there
+    #[arg(long, value_name = "DIR", default_value = "out/pil")]
     out: PathBuf,
 }
 
@@ -227,6 +261,20 @@ enum CliError {
         outcome: Outcome,
         out: PathBuf,
     },
+    #[error(transparent)]
+    Pil(#[from] PilError),
+    #[error(
+        "{differing} of {ticks} commands differ from the simulator's, the first at tick {first}"
+    )]
+    Differs {
+        differing: usize,
+        ticks: usize,
+        first: usize,
+    },
+    #[error(
+        "{differing} of {count} commands for arbitrary measurements differ from the simulator's"
+    )]
+    RandomDiffers { differing: u32, count: u32 },
     #[error("standard output: {0}")]
     Stdout(io::Error),
 }
@@ -253,7 +301,17 @@ impl CliError {
             | Self::At { .. }
             | Self::Margin { .. }
             | Self::Range(_)
-            | Self::Run(_) => 2,
+            | Self::Run(_)
+            | Self::Pil(
+                PilError::NoImage { .. }
+                | PilError::NoLogTable { .. }
+                | PilError::TickRate { .. }
+                | PilError::TableTooLong { .. }
+                | PilError::OtherTable { .. }
+                | PilError::Port { .. }
+                | PilError::Refused(_)
+                | PilError::Run(_),
+            ) => 2,
             // No gains found, or the optimiser's failure, is none of the user's.
             Self::Stability(StabilityError::NotTuned { .. } | StabilityError::Optimiser(_)) => 1,
             Self::Stability(_) => 2,
@@ -261,14 +319,23 @@ impl CliError {
             | Self::Report(_)
             | Self::Encode(_)
             | Self::Stopped { .. }
+            | Self::Pil(_)
+            | Self::Differs { .. }
+            | Self::RandomDiffers { .. }
             | Self::Stdout(_) => 1,
         }
     }
 }
 
-/// Runs the command line; the process's exit code.
+/// Runs the process's command line; its exit code.
 pub fn main() -> u8 {
-    let result = match Cli::parse().command {
+    run(std::env::args_os())
+}
+
+/// Runs a command line, the program's name first; the exit code. Ends the process where
+/// the command line is not understood, or asks for help.
+pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    let result = match Cli::parse_from(arguments).command {
         None => {
             // As if typed, so that the defaults have one place.
             match Cli::parse_from(["host-sim", "demo"]).command {
@@ -281,6 +348,7 @@ pub fn main() -> u8 {
         Some(Command::Run(args)) => run_command(&args),
         Some(Command::Gains(args)) => gains::command(&args),
         Some(Command::Accuracy(args)) => accuracy::accuracy(&args),
+        Some(Command::Pil(args)) => pil_command(&args),
     };
     match result {
         Ok(()) => 0,
@@ -485,108 +553,310 @@ fn plan_command(args: &PlanArgs) -> Result<(), CliError> {
 }
 
 fn run_command(args: &RunArgs) -> Result<(), CliError> {
-    let (arm, task) = args.common.load()?;
-    let law = controller(args.controller.as_deref())?;
-    let (mut plant, mut start) = config::load(args.plant.as_deref(), "", config::parse_plant)?;
-    args.adjust(&mut plant, &mut start)?;
-    let mut planned = args.common.plan(&arm, &task)?;
-    if let Some(file) = &args.table {
-        planned.table.image = read_table(file, &planned.plan)?;
-    }
+    let simulation = args.simulation.prepare()?;
+    let Simulation {
+        planned, options, ..
+    } = &simulation;
     let output = Output::new(&args.out)?;
-    let mode = match args.mode {
-        ModeArg::Proposed => Mode::Proposed,
-        ModeArg::Feedforward => Mode::Feedforward,
-        ModeArg::Feedback => Mode::Feedback,
-    };
-    let options = RunOptions {
-        law: mode.of(&law),
-        limits: planned.limits,
-        plant,
-        start,
-    };
     let (plan, image) = (&planned.plan, &planned.table.image);
-    if mode != Mode::Feedforward {
-        gains::warn(plan, &plant, &law);
+    if simulation.mode != Mode::Feedforward {
+        gains::warn(plan, &options.plant, &options.law);
     }
     let since = Instant::now();
     let (run, saturations) = match args.number {
-        NumberArg::F32 => (closed_loop::run::<f32>(plan, image, &options)?, None),
-        NumberArg::F64 => (closed_loop::run::<f64>(plan, image, &options)?, None),
+        NumberArg::F32 => (closed_loop::run::<f32>(plan, image, options)?, None),
+        NumberArg::F64 => (closed_loop::run::<f64>(plan, image, options)?, None),
         NumberArg::Fixed => {
-            let (run, saturations) = run_fixed(plan, image, &options, |_, _| {})?;
+            let (run, saturations) = run_fixed(plan, image, options, |_, _| {})?;
             (run, Some(saturations))
         }
     };
     let run_ms = since.elapsed().as_secs_f64() * 1e3;
 
-    let mut summary = export::summary_json(&run.summary);
-    summary.extend(planned.json());
-    summary.insert("run_ms".into(), json!(run_ms));
-    summary.insert("plant_elements".into(), json!(run.elements));
+    let mut keys = export::object([("run_ms", json!(run_ms))]);
+    let fact = format!("{run_ms:.0} ms, plant with {} elements", run.elements);
+    let mut facts = vec![("simulated in".into(), fact)];
     if let Some(saturations) = saturations {
-        summary.insert("saturations".into(), json!(saturations.total()));
+        let total = saturations.total();
+        keys.insert("saturations".into(), json!(total));
         for (signal, count) in saturations.entries() {
-            summary.insert(format!("saturations_{signal}"), json!(count));
+            keys.insert(format!("saturations_{signal}"), json!(count));
         }
-    }
-    let summary = Value::Object(summary);
-    output.write("plan.csv", |w| export::plan_csv(plan, w))?;
-    output.write("table.bin", |w| w.write_all(image))?;
-    output.write("run.csv", |w| export::run_csv(&run, w))?;
-    output.json("summary.json", &summary)?;
-    let name = match mode {
-        Mode::Proposed => "proposed",
-        Mode::Feedforward => "feedforward",
-        Mode::Feedback => "feedback",
-    };
-    let cases = [report::Case {
-        case: name,
-        plant: "plant",
-        plan,
-        run: &run,
-    }];
-    let mut facts = planned.facts();
-    facts.push((
-        "simulated in".into(),
-        format!("{run_ms:.0} ms, plant with {} elements", run.elements),
-    ));
-    if let Some(saturations) = saturations {
         let analysis = ranges::analyse(plan, image, &options.law, &options.limits)?;
         facts.extend(accuracy::format_facts(&analysis));
-        facts.push((
-            "fixed point: saturations".into(),
-            saturations.total().to_string(),
-        ));
+        facts.push(("fixed point: saturations".into(), total.to_string()));
     }
-    report::write_figures(&args.out, &cases)?;
-    report::write_html(&args.out.join("report.html"), "Flexor: run", &cases, &facts)?;
-
-    if args.common.json {
-        print(&summary)?;
-    } else {
-        print_facts(&facts)?;
-        print("")?;
-        print(results([(name, "plant", &run)]))?;
-        print(format_args!(
-            "\nThe report is {}",
-            args.out.join("report.html").display()
-        ))?;
-    }
-    // A run that could not go on to its end is a failure; a bad result is not.
-    let outcome = run.summary.outcome;
-    if outcome == Outcome::Diverged {
-        let t_s = run.rows.last().map_or(plan.points[0].t, |row| row.t);
-        return Err(CliError::Stopped {
-            t_s,
-            outcome,
-            out: args.out.clone(),
-        });
-    }
-    Ok(())
+    simulation.report(
+        &output,
+        &run,
+        "Flexor: run",
+        keys,
+        facts,
+        args.simulation.common.json,
+    )?;
+    simulation.judge(&run, &output)
 }
 
-impl RunArgs {
+fn pil_command(args: &PilArgs) -> Result<(), CliError> {
+    let simulation = args.simulation.prepare()?;
+    let Simulation {
+        planned, options, ..
+    } = &simulation;
+    let (plan, image) = (&planned.plan, &planned.table.image);
+    let output = Output::new(&args.out)?;
+    // Before the run: a board that lacks the table wants this file.
+    output.write("table.bin", |w| w.write_all(image))?;
+
+    let progress = ProgressBar::new(plan.points.len() as u64 + u64::from(args.random));
+    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} ticks, {eta} left") {
+        progress.set_style(style);
+    }
+    let bar = progress.clone();
+    let logs = Logs::new(&args.elf, move |line| {
+        bar.suspend(|| eprintln!("firmware: {line}"));
+    });
+    let mut processor = match &args.port {
+        // A board can do without the image; its log cannot be read then.
+        Some(port) => {
+            if let Err(error) = &logs {
+                eprintln!("no log: {error}");
+            }
+            Processor::on_port(port, logs.ok())?
+        }
+        None => {
+            let emulation = Emulation {
+                elf: &args.elf,
+                table_b: Some(image),
+                accesses: None,
+            };
+            Processor::emulated(&emulation, Some(logs?))?
+        }
+    };
+    let pil = pil::run(&mut processor, plan, image, options, |_| progress.inc(1))?;
+    let setup = Setup {
+        arm: plan.model.arm,
+        law: options.law,
+        limits: options.limits,
+    };
+    let random_differing = match args.random {
+        0 => 0,
+        // Any seed; this one, so that a difference comes again.
+        count => pil::compare_any(&mut processor, image, &setup, count, 1, |_| progress.inc(1))?,
+    };
+    progress.finish_and_clear();
+
+    let mut facts = pil_facts(&processor, &pil);
+    if args.random > 0 {
+        facts.push((
+            "arbitrary measurements".into(),
+            format!("{}, {random_differing} commands differ", args.random),
+        ));
+    }
+    let mut keys = pil_json(&processor, &pil);
+    keys.extend(export::object([
+        ("random_measurements", json!(args.random)),
+        ("random_differing", json!(random_differing)),
+    ]));
+    simulation.report(
+        &output,
+        &pil.run,
+        "Flexor: processor in the loop",
+        keys,
+        facts,
+        args.simulation.common.json,
+    )?;
+    if let Some(first) = pil.first_difference {
+        return Err(CliError::Differs {
+            differing: pil.differing_commands,
+            ticks: pil.ticks,
+            first,
+        });
+    }
+    if random_differing > 0 {
+        return Err(CliError::RandomDiffers {
+            differing: random_differing,
+            count: args.random,
+        });
+    }
+    simulation.judge(&pil.run, &output)
+}
+
+/// What a processor in the loop adds to the summary.
+fn pil_json(processor: &Processor, pil: &PilRun) -> Map<String, Value> {
+    let spread = pil.counts_spread();
+    let [min, median, max] = spread.map(|counts| processor.instructions(counts));
+    let [cycles_min, cycles_median, cycles_max] = spread.map(|counts| processor.cycles(counts));
+    export::object([
+        ("differing_commands", json!(pil.differing_commands)),
+        ("first_difference", json!(pil.first_difference)),
+        ("instructions_min", json!(min)),
+        ("instructions_median", json!(median)),
+        ("instructions_max", json!(max)),
+        ("cycles_min", json!(cycles_min)),
+        ("cycles_median", json!(cycles_median)),
+        ("cycles_max", json!(cycles_max)),
+        ("wall_s", json!(pil.wall_s)),
+        ("slot", json!(format!("{:?}", pil.slot))),
+        ("firmware_git", json!(firmware(processor))),
+        ("stack_bytes", json!(pil.status.stack_bytes)),
+    ])
+}
+
+/// The same as facts for a reader.
+fn pil_facts(processor: &Processor, pil: &PilRun) -> Vec<(String, String)> {
+    let identity = processor.identity();
+    let spread = pil.counts_spread();
+    let [min, median, max] = spread.map(|c| processor.instructions(c).or(processor.cycles(c)));
+    let unit = match processor.instructions(0) {
+        Some(_) => "instructions a tick",
+        None => "cycles a tick",
+    };
+    let number = |n: Option<u32>| n.map_or("?".into(), |n| n.to_string());
+    [
+        (
+            "firmware",
+            format!(
+                "{}, clock {:?}, started: {:?}, table in slot {:?}",
+                firmware(processor),
+                identity.clock,
+                identity.start,
+                pil.slot
+            ),
+        ),
+        (
+            "compared",
+            match pil.first_difference {
+                None => format!("{} commands, every bit the same", pil.ticks),
+                Some(first) => format!(
+                    "{} of {} commands differ, the first at tick {first}",
+                    pil.differing_commands, pil.ticks
+                ),
+            },
+        ),
+        (
+            unit,
+            format!(
+                "{} least, {} median, {} most",
+                number(min),
+                number(median),
+                number(max)
+            ),
+        ),
+        (
+            "firmware's stack",
+            format!("{} bytes at the deepest", pil.status.stack_bytes),
+        ),
+        ("took", format!("{:.1} s", pil.wall_s)),
+    ]
+    .map(|(name, fact)| (name.to_string(), fact))
+    .to_vec()
+}
+
+/// The commit that the firmware was built from.
+fn firmware(processor: &Processor) -> String {
+    let identity = processor.identity();
+    let git = u32::from_be_bytes(identity.git);
+    format!("{git:08x}{}", if identity.modified { "+" } else { "" })
+}
+
+/// What is to be run, planned.
+struct Simulation {
+    planned: Planned,
+    options: RunOptions,
+    mode: Mode,
+}
+
+impl Simulation {
+    /// Writes the files of a run and prints its result. `keys` and `facts` are what is
+    /// particular to it.
+    fn report(
+        &self,
+        output: &Output,
+        run: &Run,
+        title: &str,
+        keys: Map<String, Value>,
+        facts: Vec<(String, String)>,
+        json: bool,
+    ) -> Result<(), CliError> {
+        let Planned { plan, table, .. } = &self.planned;
+        let mut summary = export::summary_json(&run.summary);
+        summary.extend(self.planned.json());
+        summary.extend(keys);
+        summary.insert("plant_elements".into(), json!(run.elements));
+        let summary = Value::Object(summary);
+        output.write("plan.csv", |w| export::plan_csv(plan, w))?;
+        output.write("table.bin", |w| w.write_all(&table.image))?;
+        output.write("run.csv", |w| export::run_csv(run, w))?;
+        output.json("summary.json", &summary)?;
+        let name = match self.mode {
+            Mode::Proposed => "proposed",
+            Mode::Feedforward => "feedforward",
+            Mode::Feedback => "feedback",
+        };
+        let cases = [report::Case {
+            case: name,
+            plant: "plant",
+            plan,
+            run,
+        }];
+        let mut all = self.planned.facts();
+        all.extend(facts);
+        let page = output.folder.join("report.html");
+        report::write_figures(output.folder, &cases)?;
+        report::write_html(&page, title, &cases, &all)?;
+        if json {
+            return print(&summary);
+        }
+        print_facts(&all)?;
+        print("")?;
+        print(results([(name, "plant", run)]))?;
+        print(format_args!("\nThe report is {}", page.display()))
+    }
+
+    /// A run that could not go on to its end is a failure; a bad result is not.
+    fn judge(&self, run: &Run, output: &Output) -> Result<(), CliError> {
+        let outcome = run.summary.outcome;
+        if outcome == Outcome::Diverged {
+            let first = self.planned.plan.points[0].t;
+            return Err(CliError::Stopped {
+                t_s: run.rows.last().map_or(first, |row| row.t),
+                outcome,
+                out: output.folder.to_path_buf(),
+            });
+        }
+        Ok(())
+    }
+}
+
+impl SimulationArgs {
+    /// Reads the files and plans.
+    fn prepare(&self) -> Result<Simulation, CliError> {
+        let (arm, task) = self.common.load()?;
+        let law = controller(self.controller.as_deref())?;
+        let (mut plant, mut start) = config::load(self.plant.as_deref(), "", config::parse_plant)?;
+        self.adjust(&mut plant, &mut start)?;
+        let mut planned = self.common.plan(&arm, &task)?;
+        if let Some(file) = &self.table {
+            planned.table.image = read_table(file, &planned.plan)?;
+        }
+        let mode = match self.mode {
+            ModeArg::Proposed => Mode::Proposed,
+            ModeArg::Feedforward => Mode::Feedforward,
+            ModeArg::Feedback => Mode::Feedback,
+        };
+        let options = RunOptions {
+            law: mode.of(&law),
+            limits: planned.limits,
+            plant,
+            start,
+        };
+        Ok(Simulation {
+            planned,
+            options,
+            mode,
+        })
+    }
+
     /// Puts what was said on the command line before what the plant file says.
     fn adjust(&self, plant: &mut PlantParameters, start: &mut Start) -> Result<(), CliError> {
         if let Some(elements) = self.plant_elements {

@@ -143,7 +143,7 @@ pub enum RunError {
 }
 
 /// The plant's reading as the measurement of perfect sensors, SI.
-fn measurement(reading: &Reading) -> Measurement<f64> {
+pub fn measurement(reading: &Reading) -> Measurement<f64> {
     Measurement {
         angle: reading.angle,
         root_slope: reading.root_slope,

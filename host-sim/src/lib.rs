@@ -18,6 +18,7 @@
 //! | [`stability`] | the sampled loop along the path, margins, tuning |
 //! | [`ranges`] | range analysis for fixed point |
 //! | [`accuracy`] | how exact f32 and fixed point are |
+//! | [`pil`] | the firmware's image in QEMU, or a board, in that loop |
 //! | [`cases`] | the demo's cases |
 //! | [`export`], [`report`] | results as CSV and JSON, pictures and a page |
 //! | [`cli`] | the command line |

@@ -8,14 +8,18 @@
 
 use crate::closed_loop::{Run, RunError, RunOptions, run_through};
 use crate::plan::Plan;
+use defmt_decoder::{Locations, Table as LogTable};
+use shared::control::TickReply;
 use shared::controller::{Command, Controller};
 use shared::guard::Limiting;
 use shared::law::Measurement;
 use shared::link::{
-    FRAME_MAX, Identity, Receiver, Reply, Request, Setup, Slot, Status, TickReply, encode,
+    FRAME_MAX, Identity, LogEntry, Receiver, Reply, Request, Setup, Status, encode,
 };
 use shared::safety::Refusal;
+use shared::slot::{Slot, TableIdentity};
 use shared::table::{Table, TableError};
+use std::collections::VecDeque;
 use std::ffi::OsString;
 use std::io::{self, Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
@@ -29,16 +33,66 @@ const MACHINE: &str = "olimex-stm32-h405";
 /// Address of table slot B, as in `memory.x`.
 const SLOT_B_ADDRESS: u32 = 0x0804_0000;
 
+/// Bytes of a table slot, as in `memory.x`.
+const SLOT_BYTES: usize = 128 * 1024;
+
+/// Where `cargo xtask firmware` leaves the image, seen from the project's top folder.
+pub const DEFAULT_ELF: &str = "target/firmware/thumbv7em-none-eabihf/release/firmware";
+
 /// Baud rate of a real board's link.
 pub const BAUD: u32 = 1_000_000;
 
-/// Longest wait for a reply. QEMU on a busy machine answers within milliseconds; its start
-/// takes a second.
-const PATIENCE: Duration = Duration::from_secs(10);
+/// Longest wait for a reply. QEMU answers within milliseconds and starts within a second;
+/// the rest is for machines with much else to do.
+const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Why a processor in the loop could not be run.
 #[derive(Debug, thiserror::Error)]
 pub enum PilError {
+    /// There is no image.
+    #[error("{}: no firmware image: {source}; `cargo xtask firmware` builds it in {DEFAULT_ELF}", path.display())]
+    NoImage {
+        /// Where it was looked for.
+        path: PathBuf,
+        /// Why it cannot be read.
+        source: io::Error,
+    },
+    /// The image does not say how its log is to be read.
+    #[error("{}: {message}", path.display())]
+    NoLogTable {
+        /// The image.
+        path: PathBuf,
+        /// What is wrong.
+        message: String,
+    },
+    /// The plan's rate is not the image's.
+    #[error(
+        "the plan has {plan_hz} ticks a second, the firmware's timer {firmware_hz}: plan with --tick-rate-hz {firmware_hz}"
+    )]
+    TickRate {
+        /// The plan's, Hz.
+        plan_hz: u32,
+        /// The firmware's, Hz.
+        firmware_hz: u32,
+    },
+    /// A slot is too small.
+    #[error("the table has {bytes} bytes, a slot takes {SLOT_BYTES}: a shorter task is accepted")]
+    TableTooLong {
+        /// Its length.
+        bytes: usize,
+    },
+    /// The task's table is in neither slot.
+    #[error(
+        "the microcontroller does not have this task's table (checksum {wanted:#010x}): slot A {a}, slot B {b}; `cargo xtask flash --table table.bin` writes the table in the output folder into slot B"
+    )]
+    OtherTable {
+        /// Checksum of the task's.
+        wanted: u32,
+        /// What slot A has.
+        a: String,
+        /// What slot B has.
+        b: String,
+    },
     /// QEMU cannot be started.
     #[error("cannot start {program}: {source}; `cargo xtask setup` installs QEMU")]
     Start {
@@ -106,10 +160,148 @@ impl Drop for Emulator {
     }
 }
 
-/// A microcontroller that answers requests.
-pub struct Processor {
+/// Reads the log: the symbols in the image, and who is told.
+pub struct Logs {
+    table: LogTable,
+    locations: Option<Locations>,
+    sink: Box<dyn FnMut(&str)>,
+}
+
+impl Logs {
+    /// Reads the symbols in the image `elf`; `sink` is given every line.
+    ///
+    /// # Errors
+    /// [`PilError::NoImage`], [`PilError::NoLogTable`].
+    pub fn new(elf: &Path, sink: impl FnMut(&str) + 'static) -> Result<Self, PilError> {
+        let path = || elf.to_path_buf();
+        let bytes = std::fs::read(elf).map_err(|source| PilError::NoImage {
+            path: path(),
+            source,
+        })?;
+        let message = |message: String| PilError::NoLogTable {
+            path: path(),
+            message,
+        };
+        let table = LogTable::parse(&bytes)
+            .map_err(|error| message(error.to_string()))?
+            .ok_or_else(|| message("not an image with a log".into()))?;
+        // Without debug information there are no places, and nothing else is missing.
+        let locations = table
+            .get_locations(&bytes)
+            .ok()
+            .filter(|locations| table.indices().all(|i| locations.contains_key(&(i as u64))));
+        Ok(Self {
+            table,
+            locations,
+            sink: Box::new(sink),
+        })
+    }
+
+    fn tell(&mut self, entry: &LogEntry) {
+        let line = match self.table.decode(entry) {
+            Ok((frame, _)) => {
+                let level = frame.level().map_or("", |level| level.as_str());
+                let place = self.locations.as_ref().and_then(|l| l.get(&frame.index()));
+                let place = place.map_or(String::new(), |place| {
+                    let file = place.file.file_name().unwrap_or_default().display();
+                    format!(" ({file}:{})", place.line)
+                });
+                format!("{level} {}{place}", frame.display_message())
+            }
+            // The board runs another image than the one whose symbols these are.
+            Err(_) => format!("not to be read with this image's symbols: {entry:02x?}"),
+        };
+        (self.sink)(&line);
+    }
+}
+
+/// How to start the emulator.
+#[derive(Clone, Copy, Debug)]
+pub struct Emulation<'a> {
+    /// The firmware's image.
+    pub elf: &'a Path,
+    /// A table for slot B.
+    pub table_b: Option<&'a [u8]>,
+    /// A file to which QEMU writes every access to a peripheral that it does not have: what
+    /// the firmware does to drives and watchdog.
+    pub accesses: Option<&'a Path>,
+}
+
+/// The line, its frames and the log on it.
+struct Link {
     line: Box<dyn Line>,
     receiver: Receiver,
+    /// Replies that have been read with those before them.
+    waiting: VecDeque<Reply>,
+    logs: Option<Logs>,
+}
+
+impl Link {
+    fn new(line: impl Line + 'static, logs: Option<Logs>) -> Self {
+        Self {
+            line: Box::new(line),
+            receiver: Receiver::new(),
+            waiting: VecDeque::new(),
+            logs,
+        }
+    }
+
+    fn ask(&mut self, request: &Request, awaited: &'static str) -> Result<Reply, PilError> {
+        self.send(request, awaited)?;
+        self.reply(awaited)
+    }
+
+    fn send(&mut self, request: &Request, awaited: &'static str) -> Result<(), PilError> {
+        let mut buffer = [0; FRAME_MAX];
+        let frame = encode(request, &mut buffer).map_err(|error| PilError::Line {
+            awaited,
+            source: io::Error::other(error),
+        })?;
+        self.write(frame, awaited)
+    }
+
+    fn write(&mut self, bytes: &[u8], awaited: &'static str) -> Result<(), PilError> {
+        self.line
+            .write_all(bytes)
+            .map_err(|source| PilError::Line { awaited, source })
+    }
+
+    /// The next reply; what is logged before it goes to the log.
+    fn reply(&mut self, awaited: &'static str) -> Result<Reply, PilError> {
+        let mut bytes = [0; FRAME_MAX];
+        loop {
+            if let Some(reply) = self.waiting.pop_front() {
+                return Ok(reply);
+            }
+            let count = match self.line.read(&mut bytes) {
+                Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),
+                other => other,
+            }
+            .map_err(|source| PilError::Line { awaited, source })?;
+            for byte in &bytes[..count] {
+                match self.receiver.push(*byte) {
+                    Some(Reply::Log(entry)) => {
+                        if let Some(logs) = &mut self.logs {
+                            logs.tell(&entry);
+                        }
+                    }
+                    reply => self.waiting.extend(reply),
+                }
+            }
+        }
+    }
+
+    fn identity(reply: &Reply) -> Result<Identity, PilError> {
+        match reply {
+            Reply::Identity(identity) => Ok(*identity),
+            other => Err(unexpected("identity", other)),
+        }
+    }
+}
+
+/// A microcontroller that answers requests.
+pub struct Processor {
+    link: Link,
     identity: Identity,
     /// True when its stopwatch counts instructions.
     counts_instructions: bool,
@@ -117,11 +309,21 @@ pub struct Processor {
 }
 
 impl Processor {
-    /// Starts QEMU with the firmware's `elf`, and `table_b` in slot B if given.
+    /// Starts QEMU with the firmware's image.
     ///
     /// # Errors
     /// [`PilError`].
-    pub fn emulated(elf: &Path, table_b: Option<&[u8]>) -> Result<Self, PilError> {
+    pub fn emulated(emulation: &Emulation, logs: Option<Logs>) -> Result<Self, PilError> {
+        let Emulation {
+            elf,
+            table_b,
+            accesses,
+        } = *emulation;
+        // QEMU's own message for a missing image does not say how to get one.
+        std::fs::metadata(elf).map_err(|source| PilError::NoImage {
+            path: elf.to_path_buf(),
+            source,
+        })?;
         let folder = scratch_folder()?;
         let write = |path: PathBuf, source| PilError::Write { path, source };
         let socket = folder.join("link");
@@ -134,7 +336,14 @@ impl Processor {
         arguments.push(elf.into());
         arguments.push("-serial".into());
         arguments.push(joined("unix:", &socket));
+        if let Some(file) = accesses {
+            arguments.extend(["-d", "unimp", "-D"].map(Into::into));
+            arguments.push(file.into());
+        }
         if let Some(table) = table_b {
+            if table.len() > SLOT_BYTES {
+                return Err(PilError::TableTooLong { bytes: table.len() });
+            }
             let file = folder.join("table_b.bin");
             std::fs::write(&file, table).map_err(|source| write(file.clone(), source))?;
             let mut device = joined("loader,file=", &file);
@@ -158,14 +367,22 @@ impl Processor {
             awaited: "connection",
             source,
         })?;
-        Self::greet(Box::new(line), true, Some(emulator))
+        let mut link = Link::new(line, logs);
+        // Bytes before the firmware's first are lost: it introduces itself.
+        let identity = Link::identity(&link.reply("identity")?)?;
+        Ok(Self {
+            link,
+            identity,
+            counts_instructions: true,
+            _emulator: Some(emulator),
+        })
     }
 
-    /// Opens a real board's serial port.
+    /// Opens a real board's serial port and asks who is there.
     ///
     /// # Errors
     /// [`PilError`].
-    pub fn on_port(port: &str) -> Result<Self, PilError> {
+    pub fn on_port(port: &str, logs: Option<Logs>) -> Result<Self, PilError> {
         let line = serialport::new(port, BAUD)
             .timeout(PATIENCE)
             .open()
@@ -173,53 +390,26 @@ impl Processor {
                 port: port.to_owned(),
                 source,
             })?;
-        Self::greet(Box::new(line), false, None)
-    }
-
-    /// Waits for the first sign of life and asks who is there.
-    fn greet(
-        line: Box<dyn Line>,
-        counts_instructions: bool,
-        emulator: Option<Emulator>,
-    ) -> Result<Self, PilError> {
-        let mut processor = Self {
-            line,
-            receiver: Receiver::new(),
-            // Replaced below.
-            identity: Identity {
-                git: [0; 4],
-                modified: false,
-                arm_fingerprint: None,
-                slots: [Err(shared::link::SlotError::Magic); 2],
-                tick_rate_hz: 0,
-                stopwatch_hz: 0,
-                counts_per_1000_nops: 0,
-                clock: shared::link::ClockSource::Internal,
-                start: shared::link::StartReason::Normal,
-            },
-            counts_instructions,
-            _emulator: emulator,
-        };
-        if counts_instructions {
-            // Bytes before the firmware's first are lost: it introduces itself.
-            processor.identity = processor.identity_from(None)?;
-        } else {
-            processor.write(&[0], "identity")?; // ends what a broken run left
-            processor.identity = processor.identity_from(Some(Request::Hello))?;
+        let mut link = Link::new(line, logs);
+        link.write(&[0], "identity")?; // ends what a broken run left
+        // A board that has just started introduces itself once more by itself. The status
+        // comes after both, and after what a broken run may have left unread.
+        let mut reply = link.ask(&Request::Hello, "identity")?;
+        let mut identity = Link::identity(&reply);
+        link.send(&Request::Status, "status")?;
+        while !matches!(reply, Reply::Status(_)) {
+            if let Reply::Identity(found) = reply {
+                identity = Ok(found);
+            }
+            reply = link.reply("status")?;
         }
-        Ok(processor)
-    }
-
-    fn identity_from(&mut self, request: Option<Request>) -> Result<Identity, PilError> {
-        let awaited = "identity";
-        let reply = match request {
-            Some(request) => self.ask(&request, awaited)?,
-            None => self.reply(awaited)?,
-        };
-        match reply {
-            Reply::Identity(identity) => Ok(identity),
-            other => Err(unexpected(awaited, &other)),
-        }
+        let identity = identity?;
+        Ok(Self {
+            link,
+            identity,
+            counts_instructions: false,
+            _emulator: None,
+        })
     }
 
     /// Who the microcontroller is.
@@ -238,17 +428,45 @@ impl Processor {
         }
     }
 
-    /// Begins lock-step with the table in a slot.
+    /// Begins lock-step with the table in a slot, and says which that is.
     ///
     /// # Errors
     /// [`PilError::Refused`] if the microcontroller cannot; else other [`PilError`]s.
-    pub fn start(&mut self, slot: Slot, setup: &Setup) -> Result<(), PilError> {
+    pub fn start(&mut self, slot: Slot, setup: &Setup) -> Result<TableIdentity, PilError> {
         let setup = *setup;
         match self.ask(&Request::StartLockStep { slot, setup }, "consent")? {
-            Reply::Done => Ok(()),
+            Reply::LockStep(table) => Ok(table),
             Reply::Refused(refusal) => Err(PilError::Refused(refusal)),
             other => Err(unexpected("consent", &other)),
         }
+    }
+
+    /// Begins lock-step with the table `image` in the slot that has it.
+    ///
+    /// # Errors
+    /// [`PilError::OtherTable`] if none has; else other [`PilError`]s.
+    pub fn start_with(&mut self, image: &[u8], setup: &Setup) -> Result<Slot, PilError> {
+        let table = Table::open(image).map_err(RunError::from)?;
+        let (plan_hz, firmware_hz) = (table.header().tick_rate_hz, self.identity.tick_rate_hz);
+        if plan_hz != firmware_hz {
+            return Err(PilError::TickRate {
+                plan_hz,
+                firmware_hz,
+            });
+        }
+        let wanted = TableIdentity::from(&table);
+        let mut found = [String::new(), String::new()];
+        for (slot, found) in Slot::ALL.into_iter().zip(&mut found) {
+            *found = match self.start(slot, setup) {
+                Ok(table) if table == wanted => return Ok(slot),
+                Ok(other) => format!("holds {:#010x}", other.crc),
+                Err(PilError::Refused(Refusal::Table(error))) => error.to_string(),
+                Err(error) => return Err(error),
+            };
+        }
+        let [a, b] = found;
+        let wanted = wanted.crc;
+        Err(PilError::OtherTable { wanted, a, b })
     }
 
     /// One tick.
@@ -273,13 +491,7 @@ impl Processor {
     /// # Errors
     /// [`PilError::Line`].
     pub fn ask(&mut self, request: &Request, awaited: &'static str) -> Result<Reply, PilError> {
-        let mut buffer = [0; FRAME_MAX];
-        let frame = encode(request, &mut buffer).map_err(|error| PilError::Line {
-            awaited,
-            source: io::Error::other(error),
-        })?;
-        self.write(frame, awaited)?;
-        self.reply(awaited)
+        self.link.ask(request, awaited)
     }
 
     /// Sends bytes as they are: for tests of the other end.
@@ -287,29 +499,15 @@ impl Processor {
     /// # Errors
     /// [`PilError::Line`].
     pub fn write(&mut self, bytes: &[u8], awaited: &'static str) -> Result<(), PilError> {
-        self.line
-            .write_all(bytes)
-            .map_err(|source| PilError::Line { awaited, source })
+        self.link.write(bytes, awaited)
     }
 
-    /// The next reply.
-    fn reply(&mut self, awaited: &'static str) -> Result<Reply, PilError> {
-        let mut bytes = [0; FRAME_MAX];
-        loop {
-            let count = match self.line.read(&mut bytes) {
-                Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),
-                other => other,
-            }
-            .map_err(|source| PilError::Line { awaited, source })?;
-            let mut found = None;
-            for byte in &bytes[..count] {
-                // Replies come one by one; of several the last counts.
-                found = self.receiver.push(*byte).or(found);
-            }
-            if let Some(reply) = found {
-                return Ok(reply);
-            }
-        }
+    /// The next reply, to a request that was written as bytes.
+    ///
+    /// # Errors
+    /// [`PilError::Line`].
+    pub fn reply(&mut self, awaited: &'static str) -> Result<Reply, PilError> {
+        self.link.reply(awaited)
     }
 
     /// Instructions for stopwatch counts; `None` on hardware, whose stopwatch counts time.
@@ -321,9 +519,19 @@ impl Processor {
         u32::try_from((u64::from(counts) * 1000 + nops / 2) / nops).ok()
     }
 
-    /// Time for stopwatch counts on hardware, s.
-    pub fn seconds(&self, counts: u32) -> f64 {
-        f64::from(counts) / f64::from(self.identity.stopwatch_hz.max(1))
+    /// Core cycles for stopwatch counts; `None` in the emulator, which does not know them.
+    /// The stopwatch is a timer with half the core's clock, or all of it: good to 2 cycles.
+    pub fn cycles(&self, counts: u32) -> Option<u32> {
+        let Identity {
+            core_hz,
+            stopwatch_hz,
+            ..
+        } = self.identity;
+        if self.counts_instructions {
+            return None;
+        }
+        let cycles = u64::from(counts) * u64::from(core_hz) / u64::from(stopwatch_hz.max(1));
+        u32::try_from(cycles).ok()
     }
 }
 
@@ -382,6 +590,8 @@ fn accept(listener: &UnixListener, child: &mut Child) -> io::Result<UnixStream> 
 pub struct PilRun {
     /// The closed loop, with the processor's torques on the plant.
     pub run: Run,
+    /// Slot that the table was in.
+    pub slot: Slot,
     /// Ticks compared.
     pub ticks: usize,
     /// Ticks whose commands differ in at least one bit.
@@ -419,27 +629,24 @@ fn same(reply: &TickReply, command: &Command<f32>) -> bool {
 }
 
 /// Runs `plan` in closed loop: the plant gets the processor's torques, and the in-process
-/// controller the same measurements. The table in the processor's `slot` must be `image`.
-/// `progress` is told each tick.
+/// controller the same measurements. One of the processor's slots must hold `image`, the
+/// plan's table. `progress` is told each tick.
 ///
 /// # Errors
 /// [`PilError`].
 pub fn run(
     processor: &mut Processor,
-    slot: Slot,
     plan: &Plan,
     image: &[u8],
     options: &RunOptions,
     mut progress: impl FnMut(usize),
 ) -> Result<PilRun, PilError> {
-    processor.start(
-        slot,
-        &Setup {
-            arm: plan.model.arm,
-            law: options.law,
-            limits: options.limits,
-        },
-    )?;
+    let setup = Setup {
+        arm: plan.model.arm,
+        law: options.law,
+        limits: options.limits,
+    };
+    let slot = processor.start_with(image, &setup)?;
     let begun = Instant::now();
     let mut counts = Vec::with_capacity(plan.points.len());
     let mut differing_commands = 0;
@@ -474,6 +681,7 @@ pub fn run(
     Ok(PilRun {
         ticks: counts.len(),
         run,
+        slot,
         differing_commands,
         first_difference,
         counts,
@@ -484,24 +692,24 @@ pub fn run(
 
 /// Compares processor and in-process controller on `count` measurements of arbitrary bits:
 /// normal ranges, limits, denormals, infinities and NaN. Both begin again after a fault.
-/// Returns how many commands differ.
+/// Returns how many commands differ. `progress` is told each.
 ///
 /// # Errors
 /// [`PilError`].
 pub fn compare_any(
     processor: &mut Processor,
-    slot: Slot,
     image: &[u8],
     setup: &Setup,
     count: u32,
     seed: u64,
+    mut progress: impl FnMut(u32),
 ) -> Result<u32, PilError> {
     let table = Table::open(image).map_err(RunError::from)?;
     let new = || -> Result<_, TableError> {
         Controller::<f32>::new(&table, &setup.arm, &setup.law, &setup.limits)
     };
     let mut controller = new().map_err(RunError::from)?;
-    processor.start(slot, setup)?;
+    let slot = processor.start_with(image, setup)?;
     let mut random = SplitMix(seed);
     let mut differing = 0;
     for sequence in 0..count {
@@ -513,6 +721,7 @@ pub fn compare_any(
             controller.restart();
             processor.start(slot, setup)?;
         }
+        progress(sequence);
     }
     Ok(differing)
 }

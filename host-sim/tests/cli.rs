@@ -338,7 +338,7 @@ fn usage_and_output_errors_have_their_codes() {
     let file = out.join("a_file");
     std::fs::write(&file, "x").unwrap();
     let inside = file.join("results");
-    for command in ["plan", "run", "demo"] {
+    for command in ["plan", "run", "demo", "pil"] {
         refused(
             &[command, "--out", inside.to_str().unwrap()],
             1,
@@ -364,6 +364,12 @@ fn usage_and_output_errors_have_their_codes() {
         2,
         &["elements = 99", "1 to 16"],
     );
+    let out = out.to_str().unwrap();
+    refused(
+        &["pil", "--elf", "/nowhere/firmware", "--out", out],
+        2,
+        &["/nowhere/firmware", "`cargo xtask firmware` builds it"],
+    );
     refused(
         &["run", "--bending-stiffness-scale", "nan"],
         2,
@@ -374,6 +380,7 @@ fn usage_and_output_errors_have_their_codes() {
         &["plan", "--help"],
         &["run", "--help"],
         &["demo", "--help"],
+        &["pil", "--help"],
     ] {
         let output = host_sim(arguments);
         assert!(output.status.success() && text(&output.stdout).contains("Example:"));

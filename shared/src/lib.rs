@@ -14,7 +14,10 @@
 //! | [`guard`] | torque limits and the finite check behind everything |
 //! | [`controller`] | the one `tick` that joins cursor, law and guard |
 //! | [`sensing`] | from encoder and converter counts to a measurement |
+//! | [`slot`] | the places in flash where a table may lie |
 //! | [`safety`] | when the drives may be enabled, and when they must not stay so |
+//! | [`board`] | what the tick needs from a board, as small traits |
+//! | [`control`] | disarmed, armed or lock-step: the tick as the interrupt runs it |
 //! | [`link`] | messages between host and microcontroller |
 //!
 //! # Conventions
@@ -35,6 +38,8 @@
 
 pub mod arm;
 pub mod beam;
+pub mod board;
+pub mod control;
 pub mod controller;
 pub mod fixed_point;
 pub mod guard;
@@ -44,6 +49,7 @@ pub mod number;
 pub mod safety;
 pub mod sensing;
 pub mod signals;
+pub mod slot;
 pub mod table;
 pub mod trig;
 

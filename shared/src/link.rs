@@ -1,7 +1,8 @@
 //! Messages between host and microcontroller, and their frames on a serial line.
 //!
-//! The host sends [`Request`]s; the microcontroller answers each with one [`Reply`]. It
-//! also sends an [`Identity`] by itself when it starts. The line is one byte stream in
+//! The host sends [`Request`]s; the microcontroller answers each with one [`Reply`]. By
+//! itself it sends an [`Identity`] when it starts, and its log, a [`Reply::Log`] an entry,
+//! between answers and never within a tick. The line is one byte stream in
 //! each direction, 8 data bits, no parity, 1 stop bit.
 //!
 //! # Frame
@@ -35,7 +36,7 @@
 //! | 4 acknowledge | `04` |
 //! | 5 start lock-step | `05`, slot (0 A, 1 B), [`Setup`] |
 //! | 6 stop lock-step | `06` |
-//! | 7 measured | `07`, sequence varint, angle 2 x f32, root slope f32, root slope rate f32, force f32, drive 2 x ([`Limiting`]: 0 no, 1 from above, 2 from below) |
+//! | 7 measured | `07`, sequence varint, angle 2 x f32, root slope f32, root slope rate f32, force f32, drive 2 x ([`Limiting`](crate::guard::Limiting): 0 no, 1 from above, 2 from below) |
 //!
 //! A [`Setup`] is 158 bytes, or 8 more for each filter corner that is given: arm 11 x
 //! f64 and elbow (0 down, 1 up); law: `K_DF`, `K_PF`, `K_IF`, `K_w` f64, force filter
@@ -51,6 +52,8 @@
 //! | 2 done | `02` |
 //! | 3 refused | `03`, [`Refusal`] |
 //! | 4 command | `04`, sequence varint, tick varint, torque 2 x f32, limiting 2 x u8, fault number u8 as option, stopwatch counts varint |
+//! | 5 lock-step | `05`, table: CRC u32, arm fingerprint u32, ticks u32, varints |
+//! | 6 log | `06`, number of bytes u8 (as varint), and those: one entry of defmt's raw encoding (wire format 4), read with the symbols of the ELF |
 //!
 //! # Lock-step
 //!
@@ -61,10 +64,11 @@
 
 use crate::CRC32;
 use crate::arm::ArmParameters;
-use crate::guard::{Fault, LimitParameters, Limiting};
+use crate::control::{Mode, TickReply};
+use crate::guard::{Fault, LimitParameters};
 use crate::law::{LawParameters, Measurement};
 use crate::safety::Refusal;
-use crate::table::{Table, TableError};
+use crate::slot::{Slot, SlotError, TableIdentity};
 use postcard::ser_flavors::{Cobs, Slice, crc::CrcModifier};
 use serde::{Deserialize, Serialize};
 
@@ -77,21 +81,6 @@ pub const PAYLOAD_MAX: usize = 253;
 
 /// Most bytes of a frame on the line.
 pub const FRAME_MAX: usize = PAYLOAD_MAX + 2;
-
-/// A place for a table in flash.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Slot {
-    /// The first, preferred.
-    A,
-    /// The second, used when the first is not valid.
-    B,
-}
-
-impl Slot {
-    /// Both, in the order of preference.
-    pub const ALL: [Self; 2] = [Self::A, Self::B];
-}
 
 /// What a controller is made from, apart from its table.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -137,6 +126,7 @@ pub enum Request {
     /// Forget the latched fault, when its cause has gone.
     Acknowledge,
     /// Begin lock-step with this table and setup; begins again when already running.
+    /// Answered by [`Reply::LockStep`].
     StartLockStep {
         /// Where the table is.
         slot: Slot,
@@ -155,7 +145,9 @@ pub enum Request {
 }
 
 /// What the microcontroller answers.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+// A log entry is no larger than an identity.
+#[allow(clippy::large_enum_variant)]
 pub enum Reply {
     /// Who it is.
     Identity(Identity),
@@ -167,24 +159,17 @@ pub enum Reply {
     Refused(Refusal),
     /// The tick's result.
     Command(TickReply),
+    /// Lock-step has begun, with this table.
+    LockStep(TableIdentity),
+    /// Not an answer: an entry of the log.
+    Log(LogEntry),
 }
 
-/// The result of one tick in lock-step.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct TickReply {
-    /// That of the measurement.
-    pub sequence: u32,
-    /// Tick of the table.
-    pub tick: u32,
-    /// Torques, N m.
-    pub torque: [f32; 2],
-    /// How each was limited.
-    pub limiting: [Limiting; 2],
-    /// Latched fault, if any.
-    pub fault: Option<Fault>,
-    /// Stopwatch counts that the tick took: interrupt handler, sensors and all.
-    pub counts: u32,
-}
+/// Most bytes of a log entry.
+pub const LOG_MAX: usize = 48;
+
+/// An entry of the log in defmt's raw encoding.
+pub type LogEntry = heapless::Vec<u8, LOG_MAX>;
 
 /// Where the core's clock comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -196,60 +181,6 @@ pub enum ClockSource {
     InternalPll,
     /// Internal oscillator alone: the PLL did not lock either.
     Internal,
-}
-
-/// Why a slot's table is not usable. Numbers (the variant's index) are stable.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum SlotError {
-    /// Shorter or longer than its header says, or than the slot.
-    Length,
-    /// Does not begin as a table; erased flash, for one.
-    Magic,
-    /// Another format version.
-    Version,
-    /// Checksum does not match.
-    Crc,
-    /// A header field is out of range.
-    Field,
-    /// Planned for another arm.
-    Fingerprint,
-    /// Planned for another tick rate than the timer's.
-    TickRate,
-}
-
-impl From<TableError> for SlotError {
-    fn from(error: TableError) -> Self {
-        match error {
-            TableError::Length { .. } => Self::Length,
-            TableError::Magic { .. } => Self::Magic,
-            TableError::Version { .. } => Self::Version,
-            TableError::Crc { .. } => Self::Crc,
-            TableError::Field { .. } => Self::Field,
-            TableError::Fingerprint { .. } => Self::Fingerprint,
-        }
-    }
-}
-
-/// What identifies a table.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct TableIdentity {
-    /// CRC-32 in the table's header.
-    pub crc: u32,
-    /// Fingerprint of the arm that it was planned for.
-    pub arm_fingerprint: u32,
-    /// Control periods.
-    pub ticks: u32,
-}
-
-impl From<&Table<'_>> for TableIdentity {
-    fn from(table: &Table<'_>) -> Self {
-        Self {
-            crc: table.crc(),
-            arm_fingerprint: table.header().arm_fingerprint,
-            ticks: table.header().ticks,
-        }
-    }
 }
 
 /// Why the microcontroller started.
@@ -274,6 +205,11 @@ pub enum StartReason {
     },
     /// The watchdog was not fed.
     Watchdog,
+    /// The stack was full.
+    StackOverflow {
+        /// Configurable fault status register.
+        status: u32,
+    },
 }
 
 /// Who the microcontroller is.
@@ -289,6 +225,8 @@ pub struct Identity {
     pub slots: [Result<TableIdentity, SlotError>; 2],
     /// Control rate, Hz.
     pub tick_rate_hz: u32,
+    /// Core clock, Hz.
+    pub core_hz: u32,
     /// Stopwatch rate on hardware, Hz.
     pub stopwatch_hz: u32,
     /// Stopwatch counts that 1,000 `nop` instructions took at start; makes instructions of
@@ -298,17 +236,6 @@ pub struct Identity {
     pub clock: ClockSource,
     /// Why it started.
     pub start: StartReason,
-}
-
-/// What the microcontroller is doing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Mode {
-    /// Drives off.
-    Disarmed,
-    /// Drives on, running the table.
-    Armed,
-    /// Drives off, ticking for the host.
-    LockStep,
 }
 
 /// Frames that were dropped.
@@ -345,6 +272,8 @@ pub struct Status {
     pub frame_errors: FrameErrors,
     /// Bytes lost because the receive queue was full or the line overran.
     pub bytes_lost: u32,
+    /// Log entries lost because nobody read the log in time.
+    pub logs_lost: u32,
 }
 
 /// A message does not fit a frame. No message of this module does that.
@@ -464,6 +393,7 @@ mod tests {
     extern crate std;
     use super::*;
     use crate::arm::Elbow;
+    use crate::guard::Limiting;
     use proptest::prelude::*;
     use std::vec::Vec;
 
@@ -546,6 +476,15 @@ mod tests {
             VERSION, 4, 1, 0x90, 0x4e, 0, 0, 0, 0x80, 0, 0, 0xc0, 0x3f, 0, 1, 1, 20, 0x80, 1,
         ];
         assert_eq!(frame(&command), raw_frame(&body));
+        let begun = Reply::LockStep(TableIdentity {
+            crc: 0x1234,
+            arm_fingerprint: 1,
+            ticks: 10_000,
+        });
+        let body = [VERSION, 5, 0xb4, 0x24, 1, 0x90, 0x4e];
+        assert_eq!(frame(&begun), raw_frame(&body));
+        let entry = Reply::Log([7, 0, 255].into_iter().collect());
+        assert_eq!(frame(&entry), raw_frame(&[VERSION, 6, 3, 7, 0, 255]));
     }
 
     #[test]
@@ -574,6 +513,7 @@ mod tests {
                 message: u32::MAX,
             },
             bytes_lost: u32::MAX,
+            logs_lost: u32::MAX,
         });
         let mut receiver = Receiver::new();
         let got: Vec<Reply> = frame(&status)

@@ -7,7 +7,7 @@
 
 use crate::guard::Fault;
 use crate::law::Measurement;
-use crate::link::SlotError;
+use crate::slot::SlotError;
 use crate::table::Reference;
 use core::fmt;
 use serde::{Deserialize, Serialize};
@@ -51,10 +51,8 @@ impl fmt::Display for Refusal {
         match self {
             Self::Busy => f.write_str("armed or in lock-step: disarm, or stop lock-step, first"),
             Self::NotInLockStep => f.write_str("not in lock-step: start it first"),
-            Self::Table(error) => write!(f, "the slot's table is not usable: {error:?}"),
-            Self::NoTable(a, b) => {
-                write!(f, "no usable table: slot A {a:?}, slot B {b:?}")
-            }
+            Self::Table(error) => write!(f, "the slot {error}"),
+            Self::NoTable(a, b) => write!(f, "no usable table: slot A {a}, slot B {b}"),
             Self::NoSetup => f.write_str("the setup in the image is damaged: flash it again"),
             Self::Latched(fault) => {
                 write!(

@@ -250,7 +250,7 @@ fn grows(plan: &Plan, image: &[u8], law: &LawParameters, duration: f64) -> bool 
         }
         let part = 4 * tick / ticks;
         envelope[part] = envelope[part].max(error);
-        held = controller.tick(&measurement::<f64>(&reading)).torque;
+        held = controller.tick(&measurement(&reading)).torque;
         plant.advance(held);
     }
     envelope[3] > 3.0 * envelope[1]

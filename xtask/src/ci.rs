@@ -1,6 +1,6 @@
 //! What continuous integration does, and what it stands on.
 
-use crate::{budget, cores, firmware, pil, root, run};
+use crate::{budget, cores, firmware, pil, root, run, setup};
 use anyhow::Result;
 use std::process::Command;
 
@@ -9,8 +9,12 @@ fn cargo(arguments: &[&str]) -> Result<()> {
     run(Command::new("cargo").current_dir(root()).args(arguments))
 }
 
-/// Every host test, and those that need the image in QEMU.
+/// Every host test, and those that need the image in QEMU. Installs what these need, and
+/// fails where that cannot be had: nothing is skipped.
 pub(crate) fn test() -> Result<()> {
+    if !setup::missing().is_empty() {
+        setup::setup(false)?;
+    }
     cargo(&["test", "--workspace"])?;
     let elf = firmware::build()?;
     let mut tests = Command::new("cargo");

@@ -234,7 +234,7 @@ fn prepare(demo: &Demo) -> Result<(Prepared, PathBuf)> {
 
 /// Runs everything; the figures.
 pub(crate) fn measure() -> Result<Figures> {
-    let demo = demo::demo(None)?;
+    let demo = demo::demo()?;
     let (
         Prepared {
             environment,
@@ -311,7 +311,7 @@ const FLASH: core::ops::Range<u64> = 0..0x4_0000;
 
 /// Lints the images' sources, for one core.
 pub(crate) fn clippy() -> Result<()> {
-    let (prepared, out) = prepare(&demo::demo(None)?)?;
+    let (prepared, out) = prepare(&demo::demo()?)?;
     let lints = ["--", "-D", "warnings"];
     cargo("clippy", CORES[0].1, &out, &prepared.environment, &lints)
 }

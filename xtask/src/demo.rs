@@ -19,28 +19,20 @@ pub(crate) struct Demo {
     pub(crate) setup: Setup,
 }
 
-/// The example task, or the same path in another time, s. The limits are always those of
-/// the example task: they belong to the image, not to the table.
-pub(crate) fn demo(duration_s: Option<f64>) -> Result<Demo> {
+/// The example task, planned.
+pub(crate) fn demo() -> Result<Demo> {
     let arm = config::parse_arm("examples/arm.toml", config::DEFAULT_ARM)?;
     let law = config::parse_controller("examples/controller.toml", config::DEFAULT_CONTROLLER)?;
-    let mut task = config::parse_task("examples/task.toml", config::DEFAULT_TASK)?;
+    let task = config::parse_task("examples/task.toml", config::DEFAULT_TASK)?;
     let options = PlanOptions {
         elements: arm.elements,
         ..PlanOptions::default()
     };
-    let example = plan(&arm.arm, &task, &options)?;
+    let plan = plan(&arm.arm, &task, &options)?;
     let setup = Setup {
         arm: arm.arm,
         law,
-        limits: cases::default_limits(&example),
-    };
-    let plan = match duration_s {
-        Some(duration_s) => {
-            task.path.duration = duration_s;
-            plan(&arm.arm, &task, &options)?
-        }
-        None => example,
+        limits: arm.limits.unwrap_or_else(|| cases::default_limits(&plan)),
     };
     let table = encode(&plan)?;
     Ok(Demo { plan, table, setup })

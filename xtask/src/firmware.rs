@@ -2,8 +2,10 @@
 
 use crate::demo::Demo;
 use crate::setup::{TARGET, Toolchain};
-use crate::{demo, output, root, run};
+use crate::{demo, image, output, root, run};
 use anyhow::{Context, Result};
+use clap::Args;
+use shared::table::Table;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, fs};
@@ -19,7 +21,7 @@ pub(crate) fn cargo(verb: &str) -> Result<Command> {
         .with_context(|| format!("no toolchain has {TARGET}: run `cargo xtask setup`"))?;
     let out = target_folder().join("firmware");
     fs::create_dir_all(&out)?;
-    let Demo { table, setup, .. } = demo::demo(None)?;
+    let Demo { table, setup, .. } = demo::demo()?;
     let mut buffer = [0; 256];
     let setup = setup.encode(&mut buffer)?;
     let mut command = toolchain.command("cargo");
@@ -53,8 +55,13 @@ fn git() -> String {
 /// Builds the image; returns the ELF's path.
 pub(crate) fn build() -> Result<PathBuf> {
     run(&mut cargo("build")?)?;
+    Ok(elf())
+}
+
+/// The one ELF: `flash` writes it, `pil` boots it.
+fn elf() -> PathBuf {
     let folder = target_folder().join("firmware").join(TARGET);
-    Ok(folder.join("release/firmware"))
+    folder.join("release/firmware")
 }
 
 /// Lints the image's sources.
@@ -62,11 +69,68 @@ pub(crate) fn clippy() -> Result<()> {
     run(cargo("clippy")?.args(["--", "-D", "warnings"]))
 }
 
-/// Builds the image and writes it, table included, to a board.
-pub(crate) fn flash() -> Result<()> {
-    let elf = build()?;
-    run(Command::new("probe-rs")
-        .args(["download", "--chip", "STM32F405RGTx", "--verify"])
-        .arg(elf))
-    .context("probe-rs comes with `cargo install probe-rs-tools`")
+/// Options of the verb `flash`.
+#[derive(Args)]
+pub(crate) struct FlashOptions {
+    /// Write this table image alone, into slot B (a file `table.bin` of host-sim).
+    #[arg(long, value_name = "FILE")]
+    table: Option<PathBuf>,
+    /// Only say what would be written, and by which command.
+    #[arg(long)]
+    list: bool,
+}
+
+/// Start of table slot B, as in `memory.x`.
+const SLOT_B: &str = "0x08040000";
+
+/// Builds the image and writes it, table included, to a board: the file that `pil` boots.
+pub(crate) fn flash(options: &FlashOptions) -> Result<()> {
+    let mut probe = Command::new("probe-rs");
+    probe.args(["download", "--chip", "STM32F405RGTx", "--verify"]);
+    let file = match &options.table {
+        Some(table) => {
+            let bytes =
+                fs::read(table).with_context(|| format!("cannot read {}", table.display()))?;
+            Table::open(&bytes).with_context(|| format!("{} is no table", table.display()))?;
+            probe.args(["--binary-format", "bin", "--base-address", SLOT_B]);
+            table.clone()
+        }
+        None => build()?,
+    };
+    probe.arg(&file);
+    if options.list {
+        let bytes = fs::read(&file)?;
+        let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&bytes);
+        println!(
+            "{}: {} bytes, CRC-32 {crc:#010x}",
+            file.display(),
+            bytes.len()
+        );
+        if options.table.is_none() {
+            for (address, length) in image::segments(&bytes)? {
+                println!("  {length:6} bytes to {address:#010x}");
+            }
+        }
+        println!("{probe:?}");
+        return Ok(());
+    }
+    run(&mut probe).context("probe-rs comes with `cargo install probe-rs-tools`")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use host_sim::pil::DEFAULT_ELF;
+
+    #[test]
+    fn what_is_flashed_is_what_pil_boots_by_itself() {
+        let place = DEFAULT_ELF.strip_prefix("target/").unwrap();
+        assert!(elf().ends_with(place));
+    }
+
+    #[test]
+    fn slot_b_is_where_the_memory_map_has_it() {
+        let map = fs::read_to_string(root().join("memory.x")).unwrap();
+        assert!(map.contains(&format!("TABLE_B : ORIGIN = {SLOT_B}, LENGTH = 128K")));
+    }
 }

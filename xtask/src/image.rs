@@ -1,8 +1,12 @@
-//! What can be read from the image without running it: its sizes, and whether the tick
-//! can reach a panic.
+//! What can be read from the image without running it: its sizes, whether the tick can
+//! reach a panic, and for how long interrupts are held off.
 
 use anyhow::{Context, Result, bail, ensure};
-use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind, SymbolKind, elf};
+use object::elf::PT_LOAD;
+use object::read::elf::{ElfFile32, ProgramHeader};
+use object::{
+    Endianness, Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind, SymbolKind, elf,
+};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
@@ -54,7 +58,7 @@ pub(crate) fn sizes_in(path: &Path, flash: core::ops::Range<u64>) -> Result<Size
 
 /// Bytes of code that the function whose name contains `root` can reach, itself included.
 pub(crate) fn reachable_bytes(elf: &Path, root: &str) -> Result<u64> {
-    let graph = CallGraph::parse(&disassembly(elf)?);
+    let graph = CallGraph::parse(&listing(elf)?);
     let name = graph
         .calls
         .keys()
@@ -73,19 +77,15 @@ pub(crate) fn reachable_bytes(elf: &Path, root: &str) -> Result<u64> {
     Ok(sizes.values().sum())
 }
 
-/// `objdump --disassemble`.
-fn disassembly(elf: &Path) -> Result<String> {
-    let output = Command::new("arm-none-eabi-objdump")
-        .args(["--disassemble", "--no-show-raw-insn"])
-        .arg(elf)
-        .output()
-        .context("cannot start arm-none-eabi-objdump: run `cargo xtask setup`")?;
-    ensure!(
-        output.status.success(),
-        "arm-none-eabi-objdump failed on {}",
-        elf.display()
-    );
-    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+/// What of an ELF goes into flash: addresses and lengths, bytes.
+pub(crate) fn segments(elf: &[u8]) -> Result<Vec<(u64, u64)>> {
+    let file = ElfFile32::<Endianness>::parse(elf)?;
+    let endian = file.endian();
+    let headers = file.elf_program_headers().iter();
+    let loaded = headers.filter(|h| h.p_type(endian) == PT_LOAD && h.p_filesz(endian) > 0);
+    // The physical address: where initialised data lie until start-up copies them.
+    let places = loaded.map(|h| (h.p_paddr(endian).into(), h.p_filesz(endian).into()));
+    Ok(places.collect())
 }
 
 /// Functions of a disassembly and what each calls or jumps to.
@@ -170,14 +170,26 @@ fn panics(name: &str) -> bool {
     .any(|part| name.contains(part))
 }
 
-/// Fails if the tick's interrupt can reach a panic, or calls what cannot be followed.
-pub(crate) fn check_panic_free(elf: &Path) -> Result<()> {
-    check_listing(&disassembly(elf)?)
+/// The vector table's name of the tick's handler.
+const TICK: &str = "TIM2";
+
+/// Disassembles the image.
+pub(crate) fn listing(elf: &Path) -> Result<String> {
+    let output = Command::new("arm-none-eabi-objdump")
+        .args(["--disassemble", "--no-show-raw-insn"])
+        .arg(elf)
+        .output()
+        .context("cannot start arm-none-eabi-objdump: run `cargo xtask setup`")?;
+    ensure!(
+        output.status.success(),
+        "arm-none-eabi-objdump failed on {}",
+        elf.display()
+    );
+    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
-fn check_listing(listing: &str) -> Result<()> {
-    /// The vector table's name of the tick's handler.
-    const TICK: &str = "TIM2";
+/// Fails if the tick's interrupt can reach a panic, or calls what cannot be followed.
+pub(crate) fn check_panic_free(listing: &str) -> Result<()> {
     let graph = CallGraph::parse(listing);
     let reached = graph.reachable(TICK);
     ensure!(!reached.is_empty(), "the image has no {TICK} handler");
@@ -195,6 +207,151 @@ fn check_listing(listing: &str) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// An instruction of a disassembly.
+struct Instruction<'l> {
+    address: u64,
+    function: &'l str,
+    operation: &'l str,
+    operands: &'l str,
+}
+
+impl Instruction<'_> {
+    /// Where it branches to, if it names that.
+    fn target(&self) -> Option<u64> {
+        let (before, _) = self.operands.split_once(" <")?;
+        u64::from_str_radix(before.rsplit([' ', ',']).next()?, 16).ok()
+    }
+
+    /// Holds interrupts off: RTIC's lock, or all of them.
+    fn masks(&self) -> bool {
+        self.operation == "msr" && self.operands.starts_with("BASEPRI_MAX")
+            || self.operation == "cpsid"
+    }
+
+    /// Lets them come again.
+    fn unmasks(&self) -> bool {
+        let register = self.operands.split(',').next().unwrap_or_default();
+        self.operation == "msr" && ["BASEPRI", "PRIMASK"].contains(&register)
+            || self.operation == "cpsie"
+    }
+}
+
+/// All instructions, in the order of their addresses.
+fn instructions(listing: &str) -> Vec<Instruction<'_>> {
+    let mut function = "";
+    let mut found = Vec::new();
+    for line in listing.lines() {
+        if let Some((_, name)) = line.strip_suffix(">:").and_then(|l| l.split_once(" <")) {
+            function = name;
+            continue;
+        }
+        let mut parts = line.trim_start().splitn(3, '\t');
+        let address = parts.next().and_then(|a| a.strip_suffix(':'));
+        let address = address.and_then(|a| u64::from_str_radix(a, 16).ok());
+        if let (Some(address), Some(operation)) = (address, parts.next()) {
+            found.push(Instruction {
+                address,
+                function,
+                operation,
+                operands: parts.next().unwrap_or_default(),
+            });
+        }
+    }
+    found.sort_by_key(|instruction| instruction.address);
+    found
+}
+
+/// Most instructions for which interrupts may be held off, outside the tick.
+pub(crate) const MASKED_MAX: u64 = 200;
+
+/// Most instructions from where interrupts are held off to where they are let again, over
+/// all paths, outside the tick. Start-up is left out, which ends when interrupts are first
+/// allowed, and so is the panic handler, which ends in a reset.
+///
+/// # Errors
+/// If a path is longer than [`MASKED_MAX`] (a loop always is) or cannot be followed.
+pub(crate) fn masked_instructions(listing: &str) -> Result<u64> {
+    let all = instructions(listing);
+    let begins = |i: &Instruction| {
+        i.masks() && ![TICK, "main"].contains(&i.function) && !ends_in_reset(i.function)
+    };
+    let starts: Vec<_> = (0..all.len()).filter(|i| begins(&all[*i])).collect();
+    // RTIC renamed, or another way of locking: the check would pass by mistake.
+    ensure!(!starts.is_empty(), "the image never holds interrupts off");
+    starts
+        .into_iter()
+        .map(|start| masked_from(&all, start))
+        .try_fold(0, |most, here| Ok(most.max(here?)))
+}
+
+/// The functions that never return.
+fn ends_in_reset(function: &str) -> bool {
+    panics(function) || function.contains("rust_begin_unwind")
+}
+
+/// The same from one instruction on.
+fn masked_from(all: &[Instruction], start: usize) -> Result<u64> {
+    let place = |address| all.binary_search_by_key(&address, |i| i.address).ok();
+    // Where execution may be after so many instructions: place, places to return to, and
+    // how often interrupts are held off.
+    let mut open: BTreeSet<(usize, Vec<usize>, u32)> = BTreeSet::from([(start, Vec::new(), 0)]);
+    let begin = || format!("{:#x} in {}", all[start].address, all[start].function);
+    for count in 0..=MASKED_MAX {
+        let mut next = BTreeSet::new();
+        for (at, returns, depth) in open {
+            let here = &all[at];
+            let depth = depth + u32::from(here.masks()) - u32::from(here.unmasks());
+            if depth == 0 || here.operation.starts_with("udf") || ends_in_reset(here.function) {
+                continue;
+            }
+            let operation = here.operation.trim_end_matches(".n").trim_end_matches(".w");
+            let leaves = operation.starts_with("bx")
+                || here.operands.contains("pc}")
+                || here.operands.starts_with("pc,");
+            let computed = operation.starts_with("blx")
+                || operation.starts_with("tb")
+                || here.operands.starts_with("pc,")
+                || operation.starts_with("bx") && here.operands != "lr";
+            ensure!(
+                !computed,
+                "interrupts are held off from {}; the jump at {:#x} cannot be followed",
+                begin(),
+                here.address
+            );
+            let branch = (operation.starts_with('b') || operation.starts_with("cb"))
+                .then(|| here.target().and_then(place))
+                .flatten();
+            if operation == "bl" {
+                let mut returns = returns.clone();
+                returns.push(at + 1);
+                next.extend(branch.map(|to| (to, returns, depth)));
+                continue;
+            }
+            if leaves {
+                let mut returns = returns.clone();
+                let back = returns.pop();
+                let back = back.with_context(|| {
+                    format!("interrupts stay held off after the function of {}", begin())
+                })?;
+                next.insert((back, returns, depth));
+            }
+            next.extend(branch.map(|to| (to, returns.clone(), depth)));
+            // A conditional one in an IT block has its condition at the end.
+            if !["b", "bx", "pop", "ldmia"].contains(&operation) || !leaves && branch.is_none() {
+                next.insert((at + 1, returns, depth));
+            }
+        }
+        if next.is_empty() {
+            return Ok(count);
+        }
+        open = next;
+    }
+    bail!(
+        "interrupts may be held off for more than {MASKED_MAX} instructions from {}",
+        begin()
+    )
 }
 
 #[cfg(test)]
@@ -224,17 +381,61 @@ mod tests {
         let graph = CallGraph::parse(LISTING);
         let reached: Vec<_> = graph.reachable("TIM2").into_iter().collect();
         assert_eq!(reached, ["TIM2", "helper", "run"]);
-        check_listing(LISTING).unwrap();
+        check_panic_free(LISTING).unwrap();
     }
 
     #[test]
     fn a_panic_or_a_call_through_a_pointer_is_found_at_any_depth() {
         let call = |operation: &str| LISTING.replace("8000304:\tbx\tlr", operation);
         let panics = call("8000304:\tbl\t8000400 <_ZN4core9panicking5panic17h0E>");
-        assert!(check_listing(&panics).is_err());
-        assert!(check_listing(&call("8000304:\tblx\tr3")).is_err());
-        assert!(check_listing(&call("8000304:\tbx\tr3")).is_err());
-        assert!(check_listing(&LISTING.replace("TIM2", "TIM3")).is_err());
-        assert!(check_listing(&LISTING.replace("panic", "calm")).is_err());
+        assert!(check_panic_free(&panics).is_err());
+        assert!(check_panic_free(&call("8000304:\tblx\tr3")).is_err());
+        assert!(check_panic_free(&call("8000304:\tbx\tr3")).is_err());
+        assert!(check_panic_free(&LISTING.replace("TIM2", "TIM3")).is_err());
+        assert!(check_panic_free(&LISTING.replace("panic", "calm")).is_err());
+    }
+
+    const LOCK: &str = "\
+08000100 <TIM2>:
+ 8000100:\tcpsid\ti
+ 8000102:\tb.n\t8000100 <TIM2>
+
+08000200 <idle>:
+ 8000200:\tmrs\tr0, BASEPRI
+ 8000204:\tmsr\tBASEPRI_MAX, r6
+ 8000208:\tcbz\tr2, 800020e <idle+0xe>
+ 800020a:\tbl\t8000300 <helper>
+ 800020e:\tmsr\tBASEPRI, r0
+ 8000212:\tb.n\t8000200 <idle>
+
+08000300 <helper>:
+ 8000300:\tldr\tr0, [r1, #0]
+ 8000302:\tbx\tlr
+";
+
+    #[test]
+    fn the_longest_way_through_a_lock_is_counted() {
+        // BASEPRI_MAX, cbz, bl, ldr, bx; the one that lets them come again is the end.
+        assert_eq!(masked_instructions(LOCK).unwrap(), 5);
+        let nested = LOCK.replace("8000300:\tldr\tr0, [r1, #0]", "8000300:\tcpsid\ti");
+        let nested = nested.replace("8000302:\tbx\tlr", "8000302:\tcpsie\ti\n 8000304:\tbx\tlr");
+        assert_eq!(masked_instructions(&nested).unwrap(), 6);
+    }
+
+    #[test]
+    fn a_lock_with_a_loop_or_a_hidden_way_is_refused() {
+        let body = |operation: &str| LOCK.replace("8000302:\tbx\tlr", operation);
+        for bad in [
+            "8000302:\tbne.n\t8000300 <helper>\n 8000304:\tbx\tlr",
+            "8000302:\tblx\tr3",
+            "8000302:\ttbb\t[pc, r0]",
+            "8000302:\tb.n\t8000302 <helper+0x2>",
+        ] {
+            assert!(masked_instructions(&body(bad)).is_err(), "{bad}");
+        }
+        // A function that returns without letting them come again.
+        let stays = LOCK.replace("msr\tBASEPRI, r0", "bx\tlr");
+        assert!(masked_instructions(&stays).is_err());
+        assert!(masked_instructions(&LOCK.replace("BASEPRI_MAX", "FAULTMASK")).is_err());
     }
 }

@@ -34,9 +34,10 @@ enum Verb {
     /// Plan the demo's table and build the firmware's image around it.
     Firmware,
     /// Build the image and write it and its table to a board (needs probe-rs).
-    Flash,
-    /// Run the demo with the image in QEMU, or a board, in the loop and compare every
-    /// command bit by bit.
+    Flash(firmware::FlashOptions),
+    /// Build the image and run `host-sim pil` with it: QEMU, or a board, in the loop, every
+    /// command compared bit by bit.
+    #[command(disable_help_flag = true)]
     Pil(pil::Options),
     /// Hold flash, RAM, stack and instructions per tick against firmware/budget.toml, and
     /// check that the tick cannot panic.
@@ -57,7 +58,7 @@ fn main() -> Result<()> {
             println!("{}", firmware::build()?.display());
             Ok(())
         }
-        Verb::Flash => firmware::flash(),
+        Verb::Flash(options) => firmware::flash(&options),
         Verb::Pil(options) => pil::pil(&options),
         Verb::Budget(options) => budget::budget(&options),
         Verb::Cores(options) => cores::cores(&options),

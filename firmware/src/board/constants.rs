@@ -43,7 +43,8 @@ pub const CONVERSION_LEAD_COUNTS: u32 = 960;
 pub const BAUD: u32 = 1_000_000;
 /// Bytes of the receive queue: two of the longest frames.
 pub const RECEIVE_QUEUE: usize = 512;
-/// Bytes of the transmit queue: two of the longest frames.
+/// Bytes of the transmit queue: two of the longest frames, and the one place that the
+/// queue keeps free.
 pub const TRANSMIT_QUEUE: usize = 512;
 
 // --- Watchdog ----------------------------------------------------------------------------

@@ -26,7 +26,7 @@ use super::constants::{
     DRIVE_FULL_SCALE_NM, FLASH_WAIT_STATES, INTERNAL_HZ, PLL_INPUT_HZ, PLL_N, PLL_POLLS, PLL_Q,
     TICK_RATE_HZ, WATCHDOG_COUNTS,
 };
-use super::{Drives, Inputs, Sensors, Stopwatch, Timebase};
+use shared::board::{Drives, Inputs, Sensors, Stopwatch, Timebase};
 use shared::link::ClockSource;
 use shared::safety::Interlocks;
 use shared::sensing::RawSample;
@@ -37,6 +37,8 @@ use stm32f4::stm32f405 as pac;
 pub struct Clocks {
     /// Where they come from.
     pub source: ClockSource,
+    /// Core clock, Hz.
+    pub core_hz: u32,
     /// Clock of TIM2 to TIM5, Hz.
     pub timer_hz: u32,
     /// Clock of APB2, which USART1 and the converters get, Hz.
@@ -66,6 +68,7 @@ impl Clocks {
             rcc.cr().modify(|_, w| w.pllon().off());
             return Self {
                 source: ClockSource::Internal,
+                core_hz: INTERNAL_HZ,
                 timer_hz: INTERNAL_HZ,
                 apb2_hz: INTERNAL_HZ,
             };
@@ -87,6 +90,7 @@ impl Clocks {
             } else {
                 ClockSource::InternalPll
             },
+            core_hz: CORE_PLL_HZ,
             timer_hz: CORE_PLL_HZ / 2,
             apb2_hz: CORE_PLL_HZ / 2,
         }
@@ -171,16 +175,7 @@ impl Board {
 }
 
 /// What the tick's interrupt uses.
-pub struct TickBoard {
-    /// Encoders and converters.
-    pub sensors: EncodersAndAdc,
-    /// Torque commands, enable lines and the inputs on the same port.
-    pub drives: Dac,
-    /// The control period.
-    pub timebase: Tim2,
-    /// Measures the tick.
-    pub stopwatch: Tim5,
-}
+pub type TickBoard = shared::board::TickBoard<EncodersAndAdc, Dac, Tim2, Tim5>;
 
 /// Two quadrature encoders on TIM3 and TIM4; injected conversions of ADC1 on PC0 and PC1,
 /// started by TIM2 ahead of the tick.
