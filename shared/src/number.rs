@@ -448,7 +448,7 @@ macro_rules! float {
 
             #[inline]
             fn reduced(self, (): ()) -> Self {
-                crate::trig::reduced(self)
+                reduced(self)
             }
 
             #[inline]
@@ -494,6 +494,29 @@ macro_rules! float {
 
 float!(f32, libm::sqrtf, libm::sinf, libm::cosf, libm::atan2f);
 float!(f64, libm::sqrt, libm::sin, libm::cos, libm::atan2);
+
+/// pi in three parts: the first two have 8 and 9 significant bits, so that their
+/// products with the number of half turns (up to 2^13) are exact in f32.
+const PI_PARTS: [f64; 3] = [
+    3.140_625,
+    9.670_257_568_359_375e-4,
+    6.278_329_573_009_626e-7,
+];
+
+/// [`Scalar::reduced`] in floating point.
+#[inline]
+fn reduced<T: Number>(angle: T) -> T {
+    let half_turns = (angle * T::from_f64(core::f64::consts::FRAC_1_PI)).round_to_i32();
+    let k = T::from_i32(half_turns);
+    let x = angle
+        - k * T::from_f64(PI_PARTS[0])
+        - k * T::from_f64(PI_PARTS[1])
+        - k * T::from_f64(PI_PARTS[2]);
+    // Acts on arguments of more than 1000 rad alone, where the parts are too short.
+    let bound = T::from_f64(1.571);
+    let x = x.limited(-bound, bound);
+    if half_turns & 1 == 0 { x } else { -x }
+}
 
 #[cfg(test)]
 mod tests {

@@ -15,19 +15,11 @@
 //! magnitude; in fixed point 4e-8 and an error of the argument of a few units in its last
 //! place, for all arguments of the format. The tests scan the ranges.
 
-use crate::number::{Constant, Number, Scalar};
+use crate::number::{Constant, Scalar};
 
 /// Largest argument magnitude, in radians, for which the stated error holds in floating
 /// point. Beyond it the result loses accuracy but stays within [-1, 1].
 pub const ARGUMENT_MAX_RAD: f64 = 1000.0;
-
-/// pi in three parts: the first two have 8 and 9 significant bits, so that their
-/// products with the number of half turns (up to 2^13) are exact in f32.
-const PI_PARTS: [f64; 3] = [
-    3.140_625,
-    9.670_257_568_359_375e-4,
-    6.278_329_573_009_626e-7,
-];
 
 /// Exponent of the coefficients' format: they and the partial sums are below 1/4.
 const EXPONENT: i32 = -2;
@@ -54,21 +46,6 @@ pub fn sin<T: Scalar>(angle: T, turn: T::Turn) -> T {
     // Up to 0.42: exponent 0.
     let sum = sum.times_in_range::<1>(square);
     x.plus_in_range(x.times_in_range::<1>(sum))
-}
-
-/// [`Scalar::reduced`] in floating point.
-#[inline]
-pub(crate) fn reduced<T: Number>(angle: T) -> T {
-    let half_turns = (angle * T::from_f64(core::f64::consts::FRAC_1_PI)).round_to_i32();
-    let k = T::from_i32(half_turns);
-    let x = angle
-        - k * T::from_f64(PI_PARTS[0])
-        - k * T::from_f64(PI_PARTS[1])
-        - k * T::from_f64(PI_PARTS[2]);
-    // Acts on arguments beyond ARGUMENT_MAX_RAD alone, where the parts are too short.
-    let bound = T::from_f64(1.571);
-    let x = x.limited(-bound, bound);
-    if half_turns & 1 == 0 { x } else { -x }
 }
 
 #[cfg(test)]
