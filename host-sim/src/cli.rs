@@ -28,7 +28,7 @@ use shared::link::Setup;
 use shared::table::{Table, TableError};
 use std::ffi::OsString;
 use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -355,10 +355,48 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         // A reader that has seen enough, such as head(1), is no failure.
         Err(CliError::Stdout(e)) if e.kind() == io::ErrorKind::BrokenPipe => 0,
         Err(error) => {
-            eprintln!("error: {error}");
+            say(format_args!("error: {error}"));
             error.exit_code()
         }
     }
+}
+
+/// Writes a line to standard error; if nobody is there to read it, that is no failure.
+fn say(line: impl std::fmt::Display) {
+    let _ = writeln!(io::stderr(), "{line}");
+}
+
+/// What a reader should know before using a plan and its table.
+fn doubts(plan: &Plan, table: &EncodedTable) -> Vec<String> {
+    /// Share of a torque's peak that it may change by in the first or last control period;
+    /// with up to 8 elements the paper's task stays below it.
+    const JUMP: f64 = 0.03;
+    /// The table's accuracy where the format is at its best, N m.
+    const TABLE_NM: f64 = 1e-4;
+    let mut doubts = Vec::new();
+    let points = &plan.points;
+    let last = points.len() - 1;
+    for (end, window, i, j) in [
+        ("starts", "pre_actuation_s", 0, 1),
+        ("ends", "post_actuation_s", last - 1, last),
+    ] {
+        for joint in 0..2 {
+            let jump = (points[i].torque[joint] - points[j].torque[joint]).abs();
+            if jump > JUMP * plan.peaks.torque[joint] {
+                doubts.push(format!(
+                    "the plan {end} with a jump of torque tau{} by {jump:.3} N m within a control period, to bend the link at once; a longer {window}, for instance \"auto\", or fewer link2.elements avoid it",
+                    joint + 1
+                ));
+            }
+        }
+    }
+    let error_nm = table.torque_error_max_nm;
+    if !(error_nm <= TABLE_NM) {
+        doubts.push(format!(
+            "the table reproduces the torque to {error_nm:.1e} N m only, {TABLE_NM:e} is usual: the motion has parts too fast for its knots"
+        ));
+    }
+    doubts
 }
 
 /// A task planned and encoded, with how long that took.
@@ -419,6 +457,9 @@ impl Common {
         };
         let since = Instant::now();
         let table = knots::encode(&plan).map_err(CliError::Encode)?;
+        for word in doubts(&plan, &table) {
+            say(format_args!("warning: {word}"));
+        }
         Ok(Planned {
             plan,
             table,
@@ -613,13 +654,13 @@ fn pil_command(args: &PilArgs) -> Result<(), CliError> {
     }
     let bar = progress.clone();
     let logs = Logs::new(&args.elf, move |line| {
-        bar.suspend(|| eprintln!("firmware: {line}"));
+        bar.suspend(|| say(format_args!("firmware: {line}")));
     });
     let mut processor = match &args.port {
         // A board can do without the image; its log cannot be read then.
         Some(port) => {
             if let Err(error) = &logs {
-                eprintln!("no log: {error}");
+                say(format_args!("no log: {error}"));
             }
             Processor::on_port(port, logs.ok())?
         }
@@ -885,12 +926,19 @@ fn controller(file: Option<&Path>) -> Result<LawParameters, CliError> {
     )?)
 }
 
+/// Bytes of a file that are read as a table.
+const TABLE_BYTES_MAX: u64 = 64 << 20;
+
 /// Reads a table image and makes sure that it is for the plan's arm, rate and length.
 fn read_table(file: &Path, plan: &Plan) -> Result<Vec<u8>, CliError> {
-    let image = std::fs::read(file).map_err(|cause| CliError::Unreadable {
-        file: file.to_path_buf(),
-        cause,
-    })?;
+    // More than any slot holds is no table; a device would never end.
+    let mut image = Vec::new();
+    File::open(file)
+        .and_then(|opened| opened.take(TABLE_BYTES_MAX).read_to_end(&mut image))
+        .map_err(|cause| CliError::Unreadable {
+            file: file.to_path_buf(),
+            cause,
+        })?;
     let table = Table::open_for(&image, plan.model.arm.fingerprint()).map_err(|source| {
         CliError::Table {
             file: file.to_path_buf(),

@@ -43,15 +43,16 @@ const ABSCISSAS: [f64; STAGES] = [
     0.966_234_757_101_576,
 ];
 
-/// Intervals beyond which refinement stops: what still looks inaccurate then is
-/// rounding. A motion needs some fifty, whatever its duration.
-const INTERVALS_MAX: usize = 2_000;
+/// Unknown functions times intervals beyond which refinement stops: what still looks
+/// inaccurate then is rounding. A motion needs some fifty intervals, whatever its
+/// duration; fast ones with thin layers at their ends, of 24 functions, have needed 435.
+const UNKNOWNS_MAX: usize = 20_000;
 
 /// Meshes, each twice as fine as that before, on which Newton's method may start anew.
-const RETRIES_MAX: usize = 3;
+const RETRIES_MAX: usize = 2;
 
 /// Newton iterations on a mesh before giving up.
-const ITERATIONS_MAX: usize = 30;
+const ITERATIONS_MAX: usize = 20;
 
 /// Changes, as multiples of the tolerated error, that are put down to rounding when
 /// Newton's method has stopped converging.
@@ -283,11 +284,14 @@ pub fn solve(
     let mut iterate = solver.first_guess(mesh);
     let mut polished = false;
     let mut retries = 0;
+    let intervals_max = UNKNOWNS_MAX / problem.functions().max(1);
     let (mut last, mut stagnant) = (f64::INFINITY, 0);
     loop {
         let solution = match solver.newton(&mut iterate, polished) {
             Ok(solution) => solution,
-            Err(error) if retries == RETRIES_MAX => return Err(error),
+            Err(error) if retries == RETRIES_MAX || iterate.mesh.len() > intervals_max => {
+                return Err(error);
+            }
             // A mesh too coarse for the layers can lead anywhere.
             Err(_) => {
                 retries += 1;
@@ -315,7 +319,7 @@ pub fn solve(
         // Where nothing is left to divide, layers thinner than the resolution remain; the
         // solution's estimate tells.
         let settled = worst <= 1.0 || rounding || fine.len() == solution.mesh.len();
-        if settled || fine.len() > INTERVALS_MAX {
+        if settled || fine.len() > intervals_max {
             if polished {
                 return Ok(solution);
             }

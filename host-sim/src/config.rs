@@ -8,7 +8,7 @@ use crate::plan::{Task, Window};
 use crate::plant::{PlantParameters, SUBSTEPS_MAX, Start};
 use crate::stability::path::Spread;
 use crate::trajectory::{Line, Profile};
-use serde::de::{self, DeserializeOwned, Visitor};
+use serde::de::{self, DeserializeOwned, Error as _, IgnoredAny, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use shared::arm::{ArmParameters, Elbow};
 use shared::guard::LimitParameters;
@@ -353,6 +353,7 @@ struct Link2File {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct BaseFile {
+    #[serde(deserialize_with = "pair")]
     gravity_m_s2: [f64; 2],
     elbow: ElbowFile,
 }
@@ -368,8 +369,10 @@ enum ElbowFile {
 #[serde(deny_unknown_fields)]
 struct LimitsFile {
     #[serde(rename = "torque_Nm")]
+    #[serde(deserialize_with = "pair")]
     torque: [f64; 2],
     #[serde(rename = "torque_rate_Nm_s")]
+    #[serde(deserialize_with = "pair")]
     torque_rate: [f64; 2],
 }
 
@@ -431,7 +434,9 @@ fn default_actuation_tolerance() -> f64 {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PathFile {
+    #[serde(deserialize_with = "pair")]
     from_m: [f64; 2],
+    #[serde(deserialize_with = "pair")]
     to_m: [f64; 2],
     profile: ProfileFile,
 }
@@ -447,6 +452,7 @@ enum ProfileFile {
 struct ForceFile {
     #[serde(rename = "normal_N")]
     normal: f64,
+    #[serde(default, deserialize_with = "optional_pair")]
     direction: Option<[f64; 2]>,
 }
 
@@ -564,6 +570,10 @@ enum SlopeRateFeedbackFile {
     AsPrinted,
 }
 
+/// Corner of the force filter, Hz, where K_DF wants one and the file gives none: an
+/// unfiltered derivative is noise. Well above the contact mode (Table 1's arm: 5.5 Hz).
+pub const DERIVATIVE_FILTER_HZ: f64 = 100.0;
+
 /// Reads the text of a `controller.toml`; `file` is its name for messages.
 ///
 /// # Errors
@@ -572,16 +582,9 @@ pub fn parse_controller(file: &str, text: &str) -> Result<LawParameters, ConfigE
     let read: ControllerFile = parse(file, text)?;
     let check = Check { file };
     let force_derivative_s = check.value("K_DF_s", read.force_derivative)?;
-    let force_filter_hz = check.optional("force_filter_Hz", read.force_filter)?;
-    if force_derivative_s != 0.0 && force_filter_hz.is_none() {
-        return Err(ConfigError::Malformed {
-            file: file.to_string(),
-            message: format!(
-                "K_DF_s = {force_derivative_s} needs force_filter_Hz (an unfiltered derivative is noise); accepted: {}",
-                accepted("force_filter_Hz").unwrap_or_default()
-            ),
-        });
-    }
+    let force_filter_hz = check
+        .optional("force_filter_Hz", read.force_filter)?
+        .or((force_derivative_s != 0.0).then_some(DERIVATIVE_FILTER_HZ));
     Ok(LawParameters {
         force_derivative_s,
         force_proportional: check.value("K_PF", read.force_proportional)?,
@@ -613,8 +616,10 @@ struct PlantFile {
     tip_mass_kg: Option<f64>,
     tip_inertia_kgm2: Option<f64>,
     #[serde(rename = "viscous_friction_Nms_rad")]
+    #[serde(default, deserialize_with = "optional_pair")]
     viscous_friction: Option<[f64; 2]>,
     #[serde(rename = "coulomb_friction_Nm")]
+    #[serde(default, deserialize_with = "optional_pair")]
     coulomb_friction: Option<[f64; 2]>,
     geometric_stiffness: Option<bool>,
     substeps: Option<u32>,
@@ -785,6 +790,39 @@ pub fn load<T>(
     }
 }
 
+/// Exactly two numbers; serde's own arrays leave a third one unread.
+fn pair<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 2], D::Error> {
+    struct Two;
+    impl<'de> Visitor<'de> for Two {
+        type Value = [f64; 2];
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            f.write_str("an array of length 2")
+        }
+        fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<[f64; 2], A::Error> {
+            let mut values = [0.0; 2];
+            for (i, value) in values.iter_mut().enumerate() {
+                *value = list
+                    .next_element()?
+                    .ok_or_else(|| A::Error::invalid_length(i, &self))?;
+            }
+            let mut length = 2;
+            while list.next_element::<IgnoredAny>()?.is_some() {
+                length += 1;
+            }
+            if length > 2 {
+                return Err(A::Error::invalid_length(length, &self));
+            }
+            Ok(values)
+        }
+    }
+    deserializer.deserialize_seq(Two)
+}
+
+/// [`pair`] of a key that may be missing.
+fn optional_pair<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[f64; 2]>, D::Error> {
+    pair(deserializer).map(Some)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -921,11 +959,18 @@ mod tests {
     }
 
     #[test]
-    fn a_derivative_gain_wants_a_filter() {
+    fn a_derivative_gain_has_a_filter() {
         let text = DEFAULT_CONTROLLER.replacen("K_DF_s = 0.0", "K_DF_s = 0.01", 1);
-        let error = parse_controller("controller.toml", &text)
-            .unwrap_err()
-            .to_string();
-        assert!(error.contains("force_filter_Hz"), "{error}");
+        let law = parse_controller("controller.toml", &text).unwrap();
+        assert_eq!(law.force_filter_hz, Some(DERIVATIVE_FILTER_HZ));
+        let law = parse_controller("controller.toml", DEFAULT_CONTROLLER).unwrap();
+        assert_eq!(law.force_filter_hz, None);
+    }
+
+    #[test]
+    fn a_third_component_is_refused() {
+        let text = DEFAULT_ARM.replacen("[0.0, 9.81]", "[0.0, 9.81, 3.0]", 1);
+        let error = parse_arm("arm.toml", &text).unwrap_err().to_string();
+        assert!(error.contains("gravity_m_s2"), "{error}");
     }
 }

@@ -123,7 +123,7 @@ pub enum PlanError {
     },
     /// A planned quantity is not finite or absurdly large.
     #[error(
-        "the planned {what} reaches {value:.3e} at t = {t_s:.4} s: at most {limit:e} is accepted; a longer duration_s makes it smaller"
+        "the planned {what} reaches {value:.3e} at t = {t_s:.4} s: at most {limit:e} is accepted; a longer duration_s makes motion's share smaller, less force.normal_N and a stiffer link2 the share at rest"
     )]
     Excessive {
         /// What is excessive.

@@ -200,7 +200,7 @@ pub(super) fn command(args: &GainsArgs) -> Result<(), CliError> {
 pub(super) fn warn(plan: &Plan, plant: &PlantParameters, law: &LawParameters) {
     // What cannot be examined is not wrong for that: the run will tell.
     for word in warning(plan, plant, law).unwrap_or_default() {
-        eprintln!("warning: {word}");
+        super::say(format_args!("warning: {word}"));
     }
 }
 
@@ -447,7 +447,7 @@ fn examine(args: &ExamineArgs) -> Result<(), CliError> {
     let summary = Value::Object(summary);
     output.json("summary.json", &summary)?;
     for word in &warnings {
-        eprintln!("warning: {word}");
+        super::say(format_args!("warning: {word}"));
     }
     if args.plants.common.json {
         return print(&summary);
@@ -511,11 +511,11 @@ fn controller_toml(law: &LawParameters, how: &[String]) -> String {
     match l.force_filter_hz {
         Some(hz) if acts => put(
             format!("\nforce_filter_Hz = {}", number(hz)),
-            "corner of the filter on the force error; left out: none",
+            "corner of the filter on the force error; left out: none, or 100 with K_DF",
         ),
         _ => put(
             "\n# force_filter_Hz = 100.0".into(),
-            "corner of the filter on the force error; left out: none",
+            "corner of the filter on the force error; left out: none, or 100 with K_DF",
         ),
     }
     match l.slope_rate_filter_hz {
