@@ -60,7 +60,7 @@ impl Comms {
             slots,
             tick_rate_hz: TICK_RATE_HZ,
             core_hz: self.clocks.core_hz,
-            stopwatch_hz: self.clocks.timer_hz,
+            stopwatch_hz: self.clocks.stopwatch_hz,
             counts_per_1000_nops: self.counts_per_1000_nops,
             clock: self.clocks.source,
             start: self.start,

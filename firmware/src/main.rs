@@ -38,7 +38,7 @@ fn calibrate(stopwatch: &impl shared::board::Stopwatch) -> u32 {
     counts.wrapping_sub(stopwatch.counts().wrapping_sub(begun))
 }
 
-#[rtic::app(device = stm32f4::stm32f405, peripherals = true)]
+#[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]
 mod app {
     use crate::board::constants::{
         CALIBRATION, RECEIVE_QUEUE, SAFETY, TICK_RATE_HZ, TRANSMIT_QUEUE, WAKE_CYCLES,
@@ -50,7 +50,7 @@ mod app {
     use heapless::spsc::{Consumer, Producer, Queue};
     use shared::control::{Control, Prepared};
     use shared::link::{FRAME_MAX, Receiver, Reply, Request};
-    use stm32f4::stm32f405::Interrupt;
+    use stm32f4xx_hal::pac::Interrupt;
 
     #[shared]
     struct Shared {
@@ -79,13 +79,14 @@ mod app {
     ])]
     fn init(context: init::Context) -> (Shared, Local) {
         stack::paint();
-        let mut board = Board::new(context.device);
+        let mut core = context.core;
+        let mut board = Board::new(context.device, &mut core.DCB, &mut core.DWT);
         let start = last_words::take(board.watchdog_reset);
         let nops = calibrate(&board.tick.stopwatch);
         let comms = Comms::new(&board.clocks, nops, start, context.local.prepared);
         let mut watchdog = board.watchdog;
         watchdog.start();
-        let mut systick = context.core.SYST;
+        let mut systick = core.SYST;
         systick.set_clock_source(SystClkSource::Core);
         systick.set_reload(WAKE_CYCLES);
         systick.clear_current();

@@ -520,7 +520,7 @@ impl Processor {
     }
 
     /// Core cycles for stopwatch counts; `None` in the emulator, which does not know them.
-    /// The stopwatch is a timer with half the core's clock, or all of it: good to 2 cycles.
+    /// The stopwatch counts them, or a timer's clock where the core has no such counter.
     pub fn cycles(&self, counts: u32) -> Option<u32> {
         let Identity {
             core_hz,

@@ -2,7 +2,9 @@
 //! without floating point, against `cores/budget.toml`.
 
 use crate::demo::Demo;
-use crate::image::{MASKED_MAX, check_panic_free, listing, masked_instructions, sizes};
+use crate::image::{
+    MASKED_MAX, check_panic_free, check_stack_below_data, listing, masked_instructions, sizes,
+};
 use crate::{cores, demo, firmware, root};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
@@ -82,6 +84,7 @@ pub(crate) fn budget(options: &Options) -> Result<()> {
     let elf = firmware::build()?;
     let listing = listing(&elf)?;
     check_panic_free(&listing)?;
+    check_stack_below_data(&elf)?;
     let sizes = sizes(&elf)?;
     let Demo { plan, table, setup } = demo::demo()?;
     let emulation = Emulation {
@@ -121,7 +124,7 @@ pub(crate) fn budget(options: &Options) -> Result<()> {
         for ((name, is), (_, bar)) in measured.entries().into_iter().zip(BARS.entries()) {
             println!("{name:26} {is:6}  of {bar:6}");
         }
-        println!("no panic is reachable from the tick");
+        println!("no panic is reachable from the tick; an overflowing stack meets no variable");
         cores::show(&without_fpu);
     }
     let golden = root().join("firmware/budget.toml");

@@ -15,6 +15,9 @@ use std::process::Command;
 /// First address after the image's flash: `FLASH` of `memory.x`.
 const FLASH: core::ops::Range<u64> = 0x0800_0000..0x0802_0000;
 
+/// Where `RAM` of `memory.x` begins.
+const RAM_START: u64 = 0x2000_0000;
+
 /// Bytes that an image takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Sizes {
@@ -54,6 +57,28 @@ pub(crate) fn sizes_in(path: &Path, flash: core::ops::Range<u64>) -> Result<Size
         }
     }
     Ok(sizes)
+}
+
+/// Checks that the stack lies below all variables and ends where RAM begins, so that an
+/// overflow is a bus fault: what linking with flip-link is for.
+pub(crate) fn check_stack_below_data(path: &Path) -> Result<()> {
+    let bytes = fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let file = object::File::parse(&*bytes)?;
+    let symbol = |name: &str| {
+        let mut symbols = file.symbols();
+        let symbol = symbols.find(|symbol| symbol.name() == Ok(name));
+        symbol
+            .map(|symbol| symbol.address())
+            .with_context(|| format!("{} has no symbol {name}", path.display()))
+    };
+    let (start, end) = (symbol("_stack_start")?, symbol("_stack_end")?);
+    let data = symbol("__sdata")?;
+    ensure!(
+        end == RAM_START && end < start && start <= data,
+        "the stack ({end:#x} to {start:#x}) is not between RAM's beginning, {RAM_START:#x}, and \
+         the variables from {data:#x}: was this linked by flip-link?"
+    );
+    Ok(())
 }
 
 /// Bytes of code that the function whose name contains `root` can reach, itself included.

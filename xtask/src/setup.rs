@@ -1,5 +1,6 @@
 //! Finds or installs what the firmware needs beyond a host toolchain: a Rust toolchain
-//! with the Cortex-M4F, M3 and M0 targets, QEMU 10 and an ARM disassembler.
+//! with the Cortex-M4F, M3 and M0 targets, the linker flip-link, QEMU 10 and an ARM
+//! disassembler.
 
 use crate::{output, root, run};
 use anyhow::{Result, bail};
@@ -65,11 +66,19 @@ fn qemu_version() -> Option<u32> {
     version.split('.').next()?.parse().ok()
 }
 
-/// Whether everything is there.
+/// Whether the firmware's linker is in the path.
+fn has_linker() -> bool {
+    output(Command::new("flip-link").arg("--help")).is_some()
+}
+
+/// What is not there.
 pub(crate) fn missing() -> Vec<&'static str> {
     let mut missing = Vec::new();
     if Toolchain::find().is_none() {
         missing.extend(TARGETS);
+    }
+    if !has_linker() {
+        missing.push("flip-link");
     }
     if qemu_version().is_none_or(|version| version < 10) {
         missing.push("qemu-system-arm 10");
@@ -85,6 +94,10 @@ pub(crate) fn setup(debian: bool) -> Result<()> {
     if Toolchain::find().is_none() && !debian {
         // Fails where rustup has nothing to download from; the script is next.
         let _ = run(Command::new("rustup").args(["target", "add"]).args(TARGETS));
+    }
+    if !has_linker() {
+        // Where cargo puts what it installs, which is in the path with cargo itself.
+        run(Command::new("cargo").args(["install", "--locked", "flip-link@0.1"]))?;
     }
     let absent = missing();
     if !absent.is_empty() {
@@ -108,7 +121,7 @@ pub(crate) fn setup(debian: bool) -> Result<()> {
         bail!("still missing after set-up: {}", absent.join(", "));
     }
     println!(
-        "{} ({:?} toolchain), QEMU {} and arm-none-eabi-objdump are there",
+        "{} ({:?} toolchain), flip-link, QEMU {} and arm-none-eabi-objdump are there",
         TARGETS.join(", "),
         Toolchain::find(),
         qemu_version().unwrap_or_default()

@@ -9,16 +9,12 @@ use shared::sensing::Calibration;
 pub const CRYSTAL_HZ: u32 = 8_000_000;
 /// Internal oscillator, Hz (reference manual RM0090, 7.2.2), good to 1 %.
 pub const INTERNAL_HZ: u32 = 16_000_000;
-/// PLL input, Hz: RM0090 recommends 2 MHz for the least jitter.
-pub const PLL_INPUT_HZ: u32 = 2_000_000;
-/// PLL multiplier N: 2 MHz * 168 = 336 MHz, within the oscillator's 100 to 432 MHz.
-pub const PLL_N: u16 = 168;
-/// PLL divider Q of the 48 MHz domain: 336 / 7 = 48 MHz. Nothing uses it.
-pub const PLL_Q: u8 = 7;
-/// Core clock with PLL, Hz: 336 MHz / P = 2; the part's maximum.
+/// Core clock with PLL, Hz: the part's maximum.
 pub const CORE_PLL_HZ: u32 = 168_000_000;
-/// Flash wait states at 168 MHz and 2.7 to 3.6 V (RM0090, table 10).
-pub const FLASH_WAIT_STATES: u8 = 5;
+/// Clock of APB1 with PLL, Hz: its maximum. Its timers, TIM2 to TIM5, get twice that.
+pub const APB1_PLL_HZ: u32 = CORE_PLL_HZ / 4;
+/// Clock of APB2 with PLL, Hz: its maximum. USART1 and the converters get it.
+pub const APB2_PLL_HZ: u32 = CORE_PLL_HZ / 2;
 /// Polls after which the crystal counts as dead. A poll takes at least 5 cycles of the
 /// internal oscillator's 16 MHz, so this is 60 ms or more; crystals start within 10 ms.
 pub const CRYSTAL_POLLS: u32 = 200_000;
@@ -49,10 +45,10 @@ pub const TRANSMIT_QUEUE: usize = 512;
 
 // --- Watchdog ----------------------------------------------------------------------------
 
-/// Watchdog counts until reset: 32 kHz (17 to 47 kHz over parts and temperature) / 4 is
-/// 8 kHz; 400 counts are 50 ms (34 to 94 ms). Opening two tables at start, the longest
-/// that the main loop is away, takes 15 ms at 16 MHz.
-pub const WATCHDOG_COUNTS: u16 = 400;
+/// Time until the watchdog resets, ms. It has steps of 8 ms and rounds up, to 56 ms, by a
+/// clock of nominally 32 kHz that is 17 to 47 kHz over parts and temperature: 38 to 105 ms.
+/// Opening two tables at start, the longest that the main loop is away, takes 15 ms at 16 MHz.
+pub const WATCHDOG_MS: u32 = 50;
 
 /// Core cycles after which the main loop wakes at the latest, to feed the watchdog: 10 ms
 /// at 16 MHz, 1 ms at 168 MHz.
@@ -104,9 +100,9 @@ pub const SAFETY: SafetyLimits = SafetyLimits {
 };
 
 const _: () = {
-    assert!(CORE_PLL_HZ == PLL_INPUT_HZ * PLL_N as u32 / 2);
-    assert!(CRYSTAL_HZ.is_multiple_of(PLL_INPUT_HZ) && INTERNAL_HZ.is_multiple_of(PLL_INPUT_HZ));
-    let [fast, slow] = [CORE_PLL_HZ / 2, INTERNAL_HZ];
+    // TIM2's clock and APB2's are equal with the PLL and without.
+    let [fast, slow] = [APB2_PLL_HZ, INTERNAL_HZ];
+    assert!(2 * APB1_PLL_HZ == APB2_PLL_HZ);
     assert!(fast.is_multiple_of(TICK_RATE_HZ) && slow.is_multiple_of(TICK_RATE_HZ));
     assert!(fast.is_multiple_of(BAUD) && slow.is_multiple_of(BAUD));
 };

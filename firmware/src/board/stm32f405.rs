@@ -12,25 +12,35 @@
 //! | PC8, PC9 | drive 1, 2 well | input, high is well; pull-down |
 //! | PC10 | emergency stop | input, high is released (normally closed contact); pull-down |
 //!
-//! Registers are written through the peripheral access crate and not through the HAL:
-//! the HAL's drivers want its clock set-up, which waits for crystal and PLL without
-//! end, and a board with a dead crystal (and QEMU, whose RCC never reports ready) must
-//! come up all the same.
+//! The HAL sets up clocks, pins, encoders, torque outputs and watchdog. Registers are written
+//! for what it does not have (the converter's injected sequence, the compare output that
+//! starts it, the control timer's restart, the encoders' input filters, the way off for fault
+//! handlers) and for USART1 (see [`Serial`]).
 //!
 //! QEMU's `olimex-stm32-h405` has USART1 and TIM2 to TIM5 (without encoder mode); GPIO,
-//! converters and watchdog read 0. Zero means: stop pressed, drives unwell, no new
-//! conversion, so the arm cannot be armed there.
+//! converters, watchdog and cycle counter read 0. Zero means: stop pressed, drives unwell, no
+//! new conversion, so the arm cannot be armed there.
 
 use super::constants::{
-    BAUD, CONVERSION_LEAD_COUNTS, CORE_PLL_HZ, CRYSTAL_HZ, CRYSTAL_POLLS, DAC_ZERO,
-    DRIVE_FULL_SCALE_NM, FLASH_WAIT_STATES, INTERNAL_HZ, PLL_INPUT_HZ, PLL_N, PLL_POLLS, PLL_Q,
-    TICK_RATE_HZ, WATCHDOG_COUNTS,
+    APB1_PLL_HZ, APB2_PLL_HZ, BAUD, CONVERSION_LEAD_COUNTS, CORE_PLL_HZ, CRYSTAL_HZ, CRYSTAL_POLLS,
+    DAC_ZERO, DRIVE_FULL_SCALE_NM, PLL_POLLS, TICK_RATE_HZ, WATCHDOG_MS,
 };
+use core::ops::Deref;
+use cortex_m::peripheral::{DCB, DWT};
 use shared::board::{Drives, Inputs, Sensors, Stopwatch, Timebase};
 use shared::link::ClockSource;
 use shared::safety::Interlocks;
 use shared::sensing::RawSample;
-use stm32f4::stm32f405 as pac;
+use stm32f4xx_hal::dac::{C1, C2, DacOut, DacPin};
+use stm32f4xx_hal::gpio::outport::{OutPort, OutPort2};
+use stm32f4xx_hal::gpio::{Analog, PC0, PC1, PC8, PC9, PC10, PinState, Pull, PushPull};
+use stm32f4xx_hal::pac;
+use stm32f4xx_hal::prelude::*;
+use stm32f4xx_hal::qei::{self, Qei};
+use stm32f4xx_hal::rcc::{BusClock, BusTimerClock, Config, Enable, Rcc};
+use stm32f4xx_hal::serial::CommonPins;
+use stm32f4xx_hal::timer::CPin;
+use stm32f4xx_hal::watchdog::IndependentWatchdog;
 
 /// The clocks as they came up.
 #[derive(Clone, Copy, Debug)]
@@ -39,62 +49,37 @@ pub struct Clocks {
     pub source: ClockSource,
     /// Core clock, Hz.
     pub core_hz: u32,
-    /// Clock of TIM2 to TIM5, Hz.
-    pub timer_hz: u32,
-    /// Clock of APB2, which USART1 and the converters get, Hz.
-    pub apb2_hz: u32,
+    /// What the stopwatch counts in a second.
+    pub stopwatch_hz: u32,
 }
 
-impl Clocks {
-    /// Brings the clocks up: crystal and PLL, else internal oscillator and PLL, else the
-    /// internal oscillator alone.
-    pub fn start(rcc: &pac::RCC, flash: &pac::FLASH) -> Self {
-        rcc.cr().modify(|_, w| w.hseon().on());
-        let crystal = poll(CRYSTAL_POLLS, || rcc.cr().read().hserdy().is_ready());
-        if !crystal {
-            rcc.cr().modify(|_, w| w.hseon().off());
-        }
-        let input_hz = if crystal { CRYSTAL_HZ } else { INTERNAL_HZ };
-        // SAFETY: M, N and Q are within their fields and the PLL's limits (constants).
-        rcc.pllcfgr().write(|w| unsafe {
-            w.pllm().bits((input_hz / PLL_INPUT_HZ) as u8);
-            w.plln().bits(PLL_N);
-            w.pllp().div2();
-            w.pllq().bits(PLL_Q);
-            w.pllsrc().bit(crystal)
-        });
-        rcc.cr().modify(|_, w| w.pllon().on());
-        if !poll(PLL_POLLS, || rcc.cr().read().pllrdy().is_ready()) {
-            rcc.cr().modify(|_, w| w.pllon().off());
-            return Self {
-                source: ClockSource::Internal,
-                core_hz: INTERNAL_HZ,
-                timer_hz: INTERNAL_HZ,
-                apb2_hz: INTERNAL_HZ,
-            };
-        }
-        // SAFETY: a documented number of wait states.
-        flash.acr().write(|w| unsafe {
-            w.latency().bits(FLASH_WAIT_STATES);
-            w.prften().set_bit();
-            w.icen().set_bit();
-            w.dcen().set_bit()
-        });
-        // APB1 at most 42 MHz: 168 / 4; its timers get twice that. APB2: 168 / 2.
-        rcc.cfgr()
-            .modify(|_, w| w.ppre1().div4().ppre2().div2().sw().pll());
-        poll(PLL_POLLS, || rcc.cfgr().read().sws().is_pll());
-        Self {
-            source: if crystal {
-                ClockSource::Crystal
-            } else {
-                ClockSource::InternalPll
-            },
-            core_hz: CORE_PLL_HZ,
-            timer_hz: CORE_PLL_HZ / 2,
-            apb2_hz: CORE_PLL_HZ / 2,
-        }
+/// Brings the clocks up: crystal and PLL, else internal oscillator and PLL, else the
+/// internal oscillator alone.
+///
+/// The HAL waits for crystal and PLL without end. Both are therefore tried first, each with a
+/// limit, and the HAL is asked only for what has just worked.
+fn start_clocks(rcc: Rcc) -> (Rcc, ClockSource) {
+    rcc.cr().modify(|_, w| w.hseon().on());
+    let crystal = poll(CRYSTAL_POLLS, || rcc.cr().read().hserdy().is_ready());
+    if !crystal {
+        rcc.cr().modify(|_, w| w.hseon().off());
     }
+    // With the settings that it has after reset, 16 MHz / 16 * 192: that it locks is all that
+    // is asked. They can be changed only when it is off again.
+    rcc.cr().modify(|_, w| w.pllon().on());
+    let pll = poll(PLL_POLLS, || rcc.cr().read().pllrdy().is_ready());
+    rcc.cr().modify(|_, w| w.pllon().off());
+    poll(PLL_POLLS, || rcc.cr().read().pllrdy().is_not_ready());
+    let (input, source) = match (crystal, pll) {
+        (true, true) => (Config::hse(CRYSTAL_HZ.Hz()), ClockSource::Crystal),
+        (false, true) => (Config::hsi(), ClockSource::InternalPll),
+        (_, false) => return (rcc, ClockSource::Internal),
+    };
+    let config = input
+        .sysclk(CORE_PLL_HZ.Hz())
+        .pclk1(APB1_PLL_HZ.Hz())
+        .pclk2(APB2_PLL_HZ.Hz());
+    (rcc.freeze(config), source)
 }
 
 /// Polls `ready` at most `count` times.
@@ -117,193 +102,185 @@ pub struct Board {
 }
 
 impl Board {
-    /// Sets everything up, drives off first.
-    pub fn new(device: pac::Peripherals) -> Self {
+    /// Sets everything up, drives off first. The debug units are for the stopwatch.
+    pub fn new(device: pac::Peripherals, dcb: &mut DCB, dwt: &mut DWT) -> Self {
         let p = device;
-        let rcc = &p.RCC;
-        rcc.ahb1enr().modify(|_, w| {
-            w.gpioaen()
-                .enabled()
-                .gpioben()
-                .enabled()
-                .gpiocen()
-                .enabled()
-        });
-        rcc.apb1enr().modify(|_, w| {
-            w.tim2en().enabled().tim3en().enabled().tim4en().enabled();
-            w.tim5en().enabled().dacen().enabled()
-        });
-        rcc.apb2enr()
-            .modify(|_, w| w.usart1en().enabled().adc1en().enabled());
+        let watchdog_reset = p.RCC.csr().read().wdgrstf().bit_is_set();
+        p.RCC.csr().modify(|_, w| w.rmvf().set_bit());
+        let mut rcc = p.RCC.constrain();
+        let gpioa = p.GPIOA.split(&mut rcc);
+        let gpiob = p.GPIOB.split(&mut rcc);
+        let gpioc = p.GPIOC.split(&mut rcc);
 
-        let mut drives = Dac {
-            dac: p.DAC,
-            gpioc: p.GPIOC,
+        let mut torques = p
+            .DAC
+            .constrain((gpioa.pa4.into_analog(), gpioa.pa5.into_analog()), &mut rcc);
+        // Before the lines become outputs and the torque outputs leave their high impedance.
+        emergency_off();
+        torques.0.enable();
+        torques.1.enable();
+        let drives = AnalogDrives {
+            enables: (
+                gpioc.pc6.into_push_pull_output_in_state(PinState::Low),
+                gpioc.pc7.into_push_pull_output_in_state(PinState::Low),
+            )
+                .outport(),
+            torques,
+            well: (
+                gpioc.pc8.into_pull_down_input(),
+                gpioc.pc9.into_pull_down_input(),
+            ),
+            stop_released: gpioc.pc10.into_pull_down_input(),
         };
-        drives.set_up(&p.GPIOA);
-        // Without this the timers would run on while a debugger holds the core.
+
+        // Without these the control timer and the watchdog would run on while a debugger
+        // holds the core.
         p.DBGMCU
             .apb1_fz()
-            .modify(|_, w| w.dbg_tim2_stop().set_bit().dbg_iwdg_stop().set_bit());
+            .modify(|_, w| w.dbg_tim2_stop().set_bit());
+        let watchdog = IndependentWatchdog::new(p.IWDG);
+        watchdog.stop_on_debug(&p.DBGMCU, true);
 
-        let watchdog_reset = rcc.csr().read().wdgrstf().bit_is_set();
-        rcc.csr().modify(|_, w| w.rmvf().set_bit());
-        let clocks = Clocks::start(rcc, &p.FLASH);
-        let sensors = EncodersAndAdc::new(
-            p.TIM3,
-            p.TIM4,
-            p.ADC1,
-            &p.ADC_COMMON,
-            &p.GPIOA,
-            &p.GPIOB,
-            &drives.gpioc,
-        );
-        let tick = TickBoard {
-            sensors,
-            drives,
-            timebase: Tim2::new(p.TIM2, clocks.timer_hz),
-            stopwatch: Tim5::new(p.TIM5),
+        let (mut rcc, source) = start_clocks(rcc);
+        // The encoders' outputs may be open collectors.
+        let sensors = EncodersAndAdc {
+            encoders: (
+                encoder(
+                    p.TIM3,
+                    (
+                        gpioa.pa6.internal_resistor(Pull::Up),
+                        gpioa.pa7.internal_resistor(Pull::Up),
+                    ),
+                    &mut rcc,
+                ),
+                encoder(
+                    p.TIM4,
+                    (
+                        gpiob.pb6.internal_resistor(Pull::Up),
+                        gpiob.pb7.internal_resistor(Pull::Up),
+                    ),
+                    &mut rcc,
+                ),
+            ),
+            converter: injected(
+                p.ADC1,
+                &p.ADC_COMMON,
+                (gpioc.pc0.into_analog(), gpioc.pc1.into_analog()),
+                &mut rcc,
+            ),
         };
+        let core_hz = rcc.clocks.sysclk().raw();
+        let (stopwatch, stopwatch_hz) = Counter::new(p.TIM5, dcb, dwt, &mut rcc);
+        // The pull-up keeps an open line quiet.
+        let line = (gpioa.pa9, gpioa.pa10.internal_resistor(Pull::Up));
         Self {
-            tick,
-            serial: Serial::new(p.USART1, &p.GPIOA, clocks.apb2_hz),
-            watchdog: Watchdog(p.IWDG),
-            clocks,
+            tick: TickBoard {
+                sensors,
+                drives,
+                timebase: Tim2::new(p.TIM2, &mut rcc),
+                stopwatch,
+            },
+            serial: Serial::new(p.USART1, line, &mut rcc),
+            watchdog: Watchdog(watchdog),
+            clocks: Clocks {
+                source,
+                core_hz,
+                stopwatch_hz,
+            },
             watchdog_reset,
         }
     }
 }
 
 /// What the tick's interrupt uses.
-pub type TickBoard = shared::board::TickBoard<EncodersAndAdc, Dac, Tim2, Tim5>;
+pub type TickBoard = shared::board::TickBoard<EncodersAndAdc, AnalogDrives, Tim2, Counter>;
 
 /// Two quadrature encoders on TIM3 and TIM4; injected conversions of ADC1 on PC0 and PC1,
 /// started by TIM2 ahead of the tick.
 pub struct EncodersAndAdc {
-    tim3: pac::TIM3,
-    tim4: pac::TIM4,
-    adc: pac::ADC1,
+    encoders: (pac::TIM3, pac::TIM4),
+    converter: pac::ADC1,
 }
 
-impl EncodersAndAdc {
-    fn new(
-        tim3: pac::TIM3,
-        tim4: pac::TIM4,
-        adc: pac::ADC1,
-        common: &pac::ADC_COMMON,
-        gpioa: &pac::GPIOA,
-        gpiob: &pac::GPIOB,
-        gpioc: &pac::GPIOC,
-    ) -> Self {
-        // PA6, PA7 and PB6, PB7: alternate function 2 (TIM3, TIM4), pull-up.
-        gpioa
-            .moder()
-            .modify(|_, w| w.moder6().alternate().moder7().alternate());
-        gpioa
-            .pupdr()
-            .modify(|_, w| w.pupdr6().pull_up().pupdr7().pull_up());
-        gpioa.afrl().modify(|_, w| w.afrl6().af2().afrl7().af2());
-        gpiob
-            .moder()
-            .modify(|_, w| w.moder6().alternate().moder7().alternate());
-        gpiob
-            .pupdr()
-            .modify(|_, w| w.pupdr6().pull_up().pupdr7().pull_up());
-        gpiob.afrl().modify(|_, w| w.afrl6().af2().afrl7().af2());
-        // TIM3 and TIM4 are of one kind, yet of two types: the macro saves a copy.
-        macro_rules! encoder {
-            ($tim:expr) => {
-                // Filter 3: eight samples of the timer clock, 0.1 us.
-                // SAFETY: 3 is a value of the 4-bit filter field.
-                $tim.ccmr1_input().write(|w| unsafe {
-                    w.cc1s().ti1().cc2s().ti2().ic1f().bits(3).ic2f().bits(3)
-                });
-                $tim.smcr().write(|w| w.sms().encoder_mode_3());
-                // SAFETY: the whole 16-bit range.
-                $tim.arr().write(|w| unsafe { w.bits(0xffff) });
-                $tim.cr1().write(|w| w.cen().enabled());
-            };
-        }
-        encoder!(tim3);
-        encoder!(tim4);
+/// A timer that counts an encoder's edges.
+fn encoder<T>(
+    timer: T,
+    tracks: (
+        impl Into<<T as CPin<0>>::Ch<PushPull>>,
+        impl Into<<T as CPin<1>>::Ch<PushPull>>,
+    ),
+    rcc: &mut Rcc,
+) -> T
+where
+    T: qei::Instance + Deref<Target = pac::tim3::RegisterBlock>,
+{
+    // Out of the HAL's wrapper again, which has no filters.
+    let (timer, _tracks) = Qei::new(timer, tracks, rcc).release();
+    // An edge counts after eight equal samples of the timer clock, 0.1 us: longer than what
+    // drives couple into the line, shorter than an edge at any speed.
+    timer
+        .ccmr1_input()
+        .modify(|_, w| w.ic1f().fck_int_n8().ic2f().fck_int_n8());
+    timer
+}
 
-        // PC0, PC1: analog.
-        gpioc
-            .moder()
-            .modify(|_, w| w.moder0().analog().moder1().analog());
-        common.ccr().write(|w| w.adcpre().div4());
-        adc.smpr1()
-            .write(|w| w.smp10().cycles84().smp11().cycles84());
-        adc.cr1().write(|w| w.scan().enabled());
-        // A sequence of two is read from JSQ3 and JSQ4 (RM0090, 13.13.12): force, strain.
-        // SAFETY: length 2 is coded 1; channels 10 and 11 exist.
-        adc.jsqr()
-            .write(|w| unsafe { w.jl().bits(1).jsq3().bits(10).jsq4().bits(11) });
-        adc.cr2().write(|w| {
-            w.jextsel().tim2cc1().jexten().rising_edge();
-            w.adon().enabled()
-        });
-        Self { tim3, tim4, adc }
-    }
+/// The converter with its injected sequence: force, strain.
+fn injected(
+    converter: pac::ADC1,
+    common: &pac::ADC_COMMON,
+    _pins: (PC0<Analog>, PC1<Analog>),
+    rcc: &mut Rcc,
+) -> pac::ADC1 {
+    pac::ADC1::enable(rcc);
+    common.ccr().write(|w| w.adcpre().div4());
+    converter
+        .smpr1()
+        .write(|w| w.smp10().cycles84().smp11().cycles84());
+    converter.cr1().write(|w| w.scan().enabled());
+    // A sequence of two is read from JSQ3 and JSQ4 (RM0090, 13.13.12): channels 10 and 11 are
+    // PC0 and PC1.
+    // SAFETY: length 2 is coded 1; channels 10 and 11 exist.
+    converter
+        .jsqr()
+        .write(|w| unsafe { w.jl().bits(1).jsq3().bits(10).jsq4().bits(11) });
+    converter.cr2().write(|w| {
+        w.jextsel().tim2cc1().jexten().rising_edge();
+        w.adon().enabled()
+    });
+    converter
 }
 
 impl Sensors for EncodersAndAdc {
     #[inline]
     fn sample(&mut self) -> RawSample {
-        let fresh = self.adc.sr().read().jeoc().bit_is_set();
+        let fresh = self.converter.sr().read().jeoc().bit_is_set();
         // SAFETY: writing 0 clears a flag and 1 leaves it; this clears JEOC (bit 2).
-        self.adc.sr().write(|w| unsafe { w.bits(!(1 << 2)) });
+        self.converter.sr().write(|w| unsafe { w.bits(!(1 << 2)) });
         RawSample {
             encoder: [
-                self.tim3.cnt().read().bits() as u16,
-                self.tim4.cnt().read().bits() as u16,
+                self.encoders.0.cnt().read().bits() as u16,
+                self.encoders.1.cnt().read().bits() as u16,
             ],
-            force: self.adc.jdr1().read().bits() as u16,
-            strain: self.adc.jdr2().read().bits() as u16,
+            force: self.converter.jdr1().read().bits() as u16,
+            strain: self.converter.jdr2().read().bits() as u16,
             fresh,
         }
     }
 }
 
-/// Both channels of the DAC, the enable lines, and the inputs beside them.
-pub struct Dac {
-    dac: pac::DAC,
-    gpioc: pac::GPIOC,
+/// Pins of port C that enable drive 1 and 2.
+const ENABLES: [u8; 2] = [6, 7];
+
+/// Two current-controlled drives: torque commands from the converter's channels, enable
+/// lines, and the inputs beside them.
+pub struct AnalogDrives {
+    enables: OutPort2<'C', { ENABLES[0] }, { ENABLES[1] }>,
+    torques: (C1, C2),
+    well: (PC8, PC9),
+    stop_released: PC10,
 }
 
-impl Dac {
-    fn set_up(&mut self, gpioa: &pac::GPIOA) {
-        self.off();
-        // Outputs PC6, PC7; inputs PC8 to PC10 with pull-down.
-        self.gpioc.moder().modify(|_, w| {
-            w.moder6().output().moder7().output();
-            w.moder8().input().moder9().input().moder10().input()
-        });
-        self.gpioc.pupdr().modify(|_, w| {
-            w.pupdr8()
-                .pull_down()
-                .pupdr9()
-                .pull_down()
-                .pupdr10()
-                .pull_down()
-        });
-        gpioa
-            .moder()
-            .modify(|_, w| w.moder4().analog().moder5().analog());
-        self.dac.cr().write(|w| w.en1().enabled().en2().enabled());
-        self.off();
-    }
-
-    #[inline]
-    fn write(&self, counts: [u16; 2]) {
-        // SAFETY: the callers give 12-bit numbers, and the fields are all there is.
-        self.dac
-            .dhr12rd()
-            .write(|w| unsafe { w.bits(u32::from(counts[0]) | u32::from(counts[1]) << 16) });
-    }
-}
-
-impl Drives for Dac {
+impl Drives for AnalogDrives {
     #[inline]
     fn command(&mut self, torque: [f32; 2]) {
         let counts = [0, 1].map(|i| {
@@ -312,43 +289,39 @@ impl Drives for Dac {
             // Float to integer saturates; half a count is a 4000th of full scale.
             (count as u16).min(2 * DAC_ZERO - 1)
         });
-        self.write(counts);
-        self.gpioc
-            .bsrr()
-            .write(|w| w.bs6().set_bit().bs7().set_bit());
+        self.torques.0.set_value(counts[0]);
+        self.torques.1.set_value(counts[1]);
+        self.enables.all_high();
     }
 
     #[inline]
     fn off(&mut self) {
-        self.gpioc
-            .bsrr()
-            .write(|w| w.br6().set_bit().br7().set_bit());
-        self.write([DAC_ZERO; 2]);
+        emergency_off();
     }
 }
 
-impl Inputs for Dac {
+impl Inputs for AnalogDrives {
     #[inline]
     fn interlocks(&self) -> Interlocks {
-        let port = self.gpioc.idr().read();
         Interlocks {
-            stop_released: port.idr10().bit_is_set(),
-            drives_well: port.idr8().bit_is_set() && port.idr9().bit_is_set(),
+            stop_released: self.stop_released.is_high(),
+            drives_well: self.well.0.is_high() && self.well.1.is_high(),
         }
     }
 }
 
-/// Drives off, from wherever the processor is, whoever owns the port: for the panic and
-/// fault handlers.
+/// Drives off: disabled, then commanded no torque. The one way off, for the tick and for the
+/// panic and fault handlers, whoever owns the port.
+#[inline]
 pub fn emergency_off() {
-    // SAFETY: the handlers never return, so nothing else uses these ports any more; both
-    // writes are single stores without a read before.
-    let p = unsafe { pac::Peripherals::steal() };
-    Dac {
-        dac: p.DAC,
-        gpioc: p.GPIOC,
+    // SAFETY: a single store, in which zeros leave their pins alone.
+    unsafe {
+        (*pac::GPIOC::ptr())
+            .bsrr()
+            .write(|w| w.br(ENABLES[0]).set_bit().br(ENABLES[1]).set_bit());
     }
-    .off();
+    C1.set_value(DAC_ZERO);
+    C2.set_value(DAC_ZERO);
 }
 
 /// The control period's timer. Its compare channel 1 starts the converter ahead of the
@@ -356,8 +329,9 @@ pub fn emergency_off() {
 pub struct Tim2(pac::TIM2);
 
 impl Tim2 {
-    fn new(tim: pac::TIM2, timer_hz: u32) -> Self {
-        let period = timer_hz / TICK_RATE_HZ;
+    fn new(tim: pac::TIM2, rcc: &mut Rcc) -> Self {
+        pac::TIM2::enable(rcc);
+        let period = pac::TIM2::timer_clock(&rcc.clocks).raw() / TICK_RATE_HZ;
         // SAFETY: 32-bit registers, any value is valid.
         tim.arr().write(|w| unsafe { w.bits(period - 1) });
         // SAFETY: as above.
@@ -401,41 +375,64 @@ impl Timebase for Tim2 {
     }
 }
 
-/// The stopwatch: a 32-bit timer at the full timer clock. Not the core's cycle counter:
-/// QEMU has none. Under `-icount shift=0` QEMU's timer counts once an instruction.
-pub struct Tim5(pac::TIM5);
+/// The stopwatch: the core's cycle counter, or TIM5 where there is none. QEMU has none; under
+/// `-icount shift=0` its timers count once an instruction.
+pub struct Counter {
+    tim5: pac::TIM5,
+    /// The core's counter counts.
+    cycles: bool,
+}
 
-impl Tim5 {
-    fn new(tim: pac::TIM5) -> Self {
+impl Counter {
+    /// Starts it; returns what it counts in a second, too.
+    fn new(tim5: pac::TIM5, dcb: &mut DCB, dwt: &mut DWT, rcc: &mut Rcc) -> (Self, u32) {
+        dcb.enable_trace();
+        dwt.enable_cycle_counter();
+        let begun = DWT::cycle_count();
+        cortex_m::asm::delay(16);
+        let cycles = DWT::cycle_count() != begun;
+        pac::TIM5::enable(rcc);
         // SAFETY: 32-bit register, any value is valid.
-        tim.arr().write(|w| unsafe { w.bits(u32::MAX) });
-        tim.cr1().write(|w| w.cen().enabled());
-        Self(tim)
+        tim5.arr().write(|w| unsafe { w.bits(u32::MAX) });
+        tim5.cr1().write(|w| w.cen().enabled());
+        let hz = if cycles {
+            rcc.clocks.sysclk()
+        } else {
+            pac::TIM5::timer_clock(&rcc.clocks)
+        };
+        (Self { tim5, cycles }, hz.raw())
     }
 }
 
-impl Stopwatch for Tim5 {
+impl Stopwatch for Counter {
     #[inline]
     fn counts(&self) -> u32 {
-        self.0.cnt().read().bits()
+        if self.cycles {
+            DWT::cycle_count()
+        } else {
+            self.tim5.cnt().read().bits()
+        }
     }
 }
 
-/// The link's line, USART1.
+/// The link's line, USART1. Not the HAL's: that resets the peripheral by the clock
+/// controller, which ends QEMU 10 with a segmentation fault for all that is on APB2.
 pub struct Serial(pac::USART1);
 
 impl Serial {
-    fn new(usart: pac::USART1, gpioa: &pac::GPIOA, clock_hz: u32) -> Self {
-        // PA9, PA10: alternate function 7. The pull-up keeps an open line quiet.
-        gpioa
-            .moder()
-            .modify(|_, w| w.moder9().alternate().moder10().alternate());
-        gpioa.afrh().modify(|_, w| w.afrh9().af7().afrh10().af7());
-        gpioa.pupdr().modify(|_, w| w.pupdr10().pull_up());
+    fn new(
+        usart: pac::USART1,
+        line: (
+            impl Into<<pac::USART1 as CommonPins>::Tx<PushPull>>,
+            impl Into<<pac::USART1 as CommonPins>::Rx<PushPull>>,
+        ),
+        rcc: &mut Rcc,
+    ) -> Self {
+        let _alternate_function = (line.0.into(), line.1.into());
+        pac::USART1::enable(rcc);
+        let divider = pac::USART1::clock(&rcc.clocks).raw() / BAUD;
         // SAFETY: 16 or 84: within the register's 16 bits, and mantissa not 0.
-        usart
-            .brr()
-            .write(|w| unsafe { w.bits((clock_hz / BAUD) as u16) });
+        usart.brr().write(|w| unsafe { w.bits(divider as u16) });
         usart.cr1().write(|w| {
             w.ue().enabled().te().enabled().re().enabled();
             w.rxneie().enabled()
@@ -475,23 +472,16 @@ impl Serial {
 }
 
 /// The independent watchdog.
-pub struct Watchdog(pac::IWDG);
+pub struct Watchdog(IndependentWatchdog);
 
 impl Watchdog {
-    /// Starts it; it cannot be stopped. Does not wait for the registers to be taken over:
-    /// until then the reset values hold, 512 ms.
+    /// Starts it; it cannot be stopped.
     pub fn start(&mut self) {
-        self.0.kr().write(|w| w.key().start());
-        self.0.kr().write(|w| w.key().unlock());
-        self.0.pr().write(|w| w.pr().divide_by4());
-        // SAFETY: within 12 bits.
-        self.0
-            .rlr()
-            .write(|w| unsafe { w.rl().bits(WATCHDOG_COUNTS) });
+        self.0.start(WATCHDOG_MS.millis());
     }
 
-    /// Another 50 ms.
+    /// Another [`WATCHDOG_MS`].
     pub fn feed(&mut self) {
-        self.0.kr().write(|w| w.key().feed());
+        self.0.feed();
     }
 }
