@@ -97,7 +97,7 @@ pub(crate) fn setup(debian: bool) -> Result<()> {
     }
     if !has_linker() {
         // Where cargo puts what it installs, which is in the path with cargo itself.
-        run(Command::new("cargo").args(["install", "--locked", "flip-link@0.1"]))?;
+        run(Command::new("cargo").args(["install", "--locked", "flip-link@^0.1.12"]))?;
     }
     let absent = missing();
     if !absent.is_empty() {
