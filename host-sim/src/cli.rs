@@ -13,8 +13,9 @@ use crate::closed_loop::{self, Outcome, Run, RunError, RunOptions};
 use crate::config::{self, ArmConfig, ConfigError};
 use crate::export;
 use crate::knots::{self, EncodedTable};
+use crate::message::{Short, enough, near};
 use crate::pil::{self, Emulation, Logs, PilError, PilRun, Processor};
-use crate::plan::{self, Equations, Plan, PlanError, PlanOptions, Task};
+use crate::plan::{self, Equations, Plan, PlanError, PlanOptions, PlanPoint, Task};
 use crate::plant::{PlantParameters, Start};
 use crate::ranges::{self, RangeError};
 use crate::report;
@@ -49,7 +50,7 @@ struct Cli {
 enum Command {
     /// Runs the paper's task in all its cases and writes a report.
     #[command(
-        after_help = "Example: host-sim demo --out out/demo\n\nThe plants have the plan's number of elements. `host-sim run` has all plant options."
+        after_help = "Example: host-sim demo --out out/demo\n\nFour cases run the task as it is, with feedforward, feedback or both; the fifth runs its path in a fifth of the time, with pre- and post-actuation. The plants have the plan's number of elements. `host-sim run` runs one case, with all options."
     )]
     Demo(DemoArgs),
     /// Plans a task: joint angles, deflection and feedforward torques, and the table.
@@ -130,9 +131,10 @@ struct SimulationArgs {
     /// Gains; without it those of examples/controller.toml
     #[arg(long, value_name = "FILE")]
     controller: Option<PathBuf>,
-    /// Which part of the law acts
-    #[arg(long, value_enum, default_value_t = ModeArg::Proposed)]
-    mode: ModeArg,
+    /// Which part of the law acts: both, or one; without it as the controller file's
+    /// feedforward says
+    #[arg(long, value_enum)]
+    mode: Option<ModeArg>,
     /// How the plant differs from the planned arm; without it not at all, but for eight
     /// elements [examples/plant_soft.toml]
     #[arg(long, value_name = "FILE")]
@@ -147,7 +149,7 @@ struct SimulationArgs {
     #[arg(long, value_enum)]
     start: Option<StartArg>,
     /// A table to run instead of the one that is planned; it must fit arm and task
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "model")]
     table: Option<PathBuf>,
 }
 
@@ -219,9 +221,10 @@ enum CliError {
     Config(#[from] ConfigError),
     #[error(transparent)]
     Plan(#[from] PlanError),
-    #[error("planned torque of joint {joint} reaches {torque_nm:.4} N m; limits.torque_Nm[{}] = {limit_nm} is accepted from {torque_nm:.4} on, or plan a longer duration_s", joint - 1)]
+    #[error("limits.torque_Nm[{}] = {}; accepted: from {} on, as the planned torque of joint {joint} reaches {} N m at t = {t_s:.4} s; a longer duration_s may need less", joint - 1, Short(*limit_nm), enough(*torque_nm), near(*torque_nm))]
     Limit {
         joint: usize,
+        t_s: f64,
         torque_nm: f64,
         limit_nm: f64,
     },
@@ -245,9 +248,20 @@ enum CliError {
     Report(#[from] report::ReportError),
     #[error(transparent)]
     Stability(#[from] StabilityError),
-    #[error("--at {at_s}: a time of the plan from {start_s} to {end_s} s is accepted")]
+    #[error("--at {}; accepted: a time of the plan from {} to {} s", Short(*at_s), Short(*start_s), Short(*end_s))]
     At { at_s: f64, start_s: f64, end_s: f64 },
-    #[error("{what} {value}: from 0 to {most} is accepted")]
+    #[error("--map {gain} {gain}; accepted: two different gains")]
+    Map { gain: String },
+    #[error("{what} has no effect {beside}")]
+    NoEffect {
+        what: &'static str,
+        beside: &'static str,
+    },
+    #[error(
+        "demo's fast case, the task in a fifth of its duration_s, cannot be planned: {0}; `host-sim run` runs a task as it is"
+    )]
+    Fast(Box<CliError>),
+    #[error("{what} {}; accepted: from 0 to {}", Short(*value), Short(*most))]
     Margin {
         what: &'static str,
         value: f64,
@@ -299,6 +313,8 @@ impl CliError {
             | Self::OtherTask { .. }
             | Self::Unreadable { .. }
             | Self::At { .. }
+            | Self::Map { .. }
+            | Self::NoEffect { .. }
             | Self::Margin { .. }
             | Self::Range(_)
             | Self::Run(_)
@@ -312,6 +328,7 @@ impl CliError {
                 | PilError::Refused(_)
                 | PilError::Run(_),
             ) => 2,
+            Self::Fast(error) => error.exit_code(),
             // No gains found, or the optimiser's failure, is none of the user's.
             Self::Stability(StabilityError::NotTuned { .. } | StabilityError::Optimiser(_)) => 1,
             Self::Stability(_) => 2,
@@ -366,8 +383,18 @@ fn say(line: impl std::fmt::Display) {
     let _ = writeln!(io::stderr(), "{line}");
 }
 
-/// What a reader should know before using a plan and its table.
-fn doubts(plan: &Plan, table: &EncodedTable) -> Vec<String> {
+/// A progress bar on standard error, where that is a terminal; `words` follow its numbers.
+fn progress_bar(length: u64, words: &str) -> ProgressBar {
+    let bar = ProgressBar::new(length);
+    if let Ok(style) = ProgressStyle::with_template(&format!("{{bar:30}} {{pos}}/{{len}} {words}"))
+    {
+        bar.set_style(style);
+    }
+    bar
+}
+
+/// What a reader should know before using a plan, its table and the drives' `limits`.
+fn doubts(plan: &Plan, table: &EncodedTable, limits: &LimitParameters) -> Vec<String> {
     /// Share of a torque's peak that it may change by in the first or last control period;
     /// with up to 8 elements the paper's task stays below it.
     const JUMP: f64 = 0.03;
@@ -384,10 +411,30 @@ fn doubts(plan: &Plan, table: &EncodedTable) -> Vec<String> {
             let jump = (points[i].torque[joint] - points[j].torque[joint]).abs();
             if jump > JUMP * plan.peaks.torque[joint] {
                 doubts.push(format!(
-                    "the plan {end} with a jump of torque tau{} by {jump:.3} N m within a control period, to bend the link at once; a longer {window}, for instance \"auto\", or fewer link2.elements avoid it",
-                    joint + 1
+                    "the plan {end} with a jump of torque tau{} by {} N m within a control period, to bend the link at once; a longer {window}, for instance \"auto\", or fewer link2.elements avoid it",
+                    joint + 1,
+                    near(jump)
                 ));
             }
+        }
+    }
+    for joint in 0..2 {
+        let step = |pair: &[PlanPoint]| (pair[1].torque[joint] - pair[0].torque[joint]).abs();
+        let steepest = points.windows(2).max_by(|a, b| step(a).total_cmp(&step(b)));
+        let (limit, need) = (
+            limits.torque_rate_nm_s[joint],
+            plan.peaks.torque_rate[joint],
+        );
+        if let Some(pair) = steepest
+            && need > limit
+        {
+            doubts.push(format!(
+                "limits.torque_rate_Nm_s[{joint}] = {} is less than the {} N m/s that the plan needs of joint {} at t = {:.4} s: the arm will lag behind the plan; a longer duration_s may need less",
+                Short(limit),
+                near(need),
+                joint + 1,
+                pair[0].t
+            ));
         }
     }
     let error_nm = table.torque_error_max_nm;
@@ -443,9 +490,12 @@ impl Common {
                     .enumerate()
                 {
                     if torque_nm > limit_nm {
-                        let joint = i + 1;
+                        let size = |point: &&PlanPoint| point.torque[i].abs();
+                        let points = plan.points.iter();
+                        let peak = points.max_by(|a, b| size(a).total_cmp(&size(b)));
                         return Err(CliError::Limit {
-                            joint,
+                            joint: i + 1,
+                            t_s: peak.map_or(0.0, |point| point.t),
                             torque_nm,
                             limit_nm,
                         });
@@ -457,7 +507,7 @@ impl Common {
         };
         let since = Instant::now();
         let table = knots::encode(&plan).map_err(CliError::Encode)?;
-        for word in doubts(&plan, &table) {
+        for word in doubts(&plan, &table, &limits) {
             say(format_args!("warning: {word}"));
         }
         Ok(Planned {
@@ -872,6 +922,12 @@ impl Simulation {
 impl SimulationArgs {
     /// Reads the files and plans.
     fn prepare(&self) -> Result<Simulation, CliError> {
+        if matches!(self.mode, Some(ModeArg::Feedforward)) && self.controller.is_some() {
+            return Err(CliError::NoEffect {
+                what: "--controller",
+                beside: "with --mode feedforward, which has no gains: leave one of them out",
+            });
+        }
         let (arm, task) = self.common.load()?;
         let law = controller(self.controller.as_deref())?;
         let (mut plant, mut start) = config::load(self.plant.as_deref(), "", config::parse_plant)?;
@@ -881,9 +937,11 @@ impl SimulationArgs {
             planned.table.image = read_table(file, &planned.plan)?;
         }
         let mode = match self.mode {
-            ModeArg::Proposed => Mode::Proposed,
-            ModeArg::Feedforward => Mode::Feedforward,
-            ModeArg::Feedback => Mode::Feedback,
+            Some(ModeArg::Proposed) => Mode::Proposed,
+            Some(ModeArg::Feedforward) => Mode::Feedforward,
+            Some(ModeArg::Feedback) => Mode::Feedback,
+            None if law.feedforward => Mode::Proposed,
+            None => Mode::Feedback,
         };
         let options = RunOptions {
             law: mode.of(&law),
@@ -901,12 +959,12 @@ impl SimulationArgs {
     /// Puts what was said on the command line before what the plant file says.
     fn adjust(&self, plant: &mut PlantParameters, start: &mut Start) -> Result<(), CliError> {
         if let Some(elements) = self.plant_elements {
-            config::check_option("elements", f64::from(elements))?;
+            config::check_option("--plant-elements", "elements", f64::from(elements))?;
             plant.elements = elements as usize;
         }
         if let Some(scale) = self.bending_stiffness_scale {
-            let field = "bending_stiffness_scale";
-            plant.bending_stiffness_scale = config::check_option(field, scale)?;
+            let (option, field) = ("--bending-stiffness-scale", "bending_stiffness_scale");
+            plant.bending_stiffness_scale = config::check_option(option, field, scale)?;
         }
         match self.start {
             Some(StartArg::PlanMoving) => *start = Start::PlanMoving,
@@ -965,10 +1023,18 @@ fn read_table(file: &Path, plan: &Plan) -> Result<Vec<u8>, CliError> {
 fn demo(args: &DemoArgs) -> Result<(), CliError> {
     let (arm, task) = args.common.load()?;
     let law = controller(args.controller.as_deref())?;
+    if !law.feedforward {
+        return Err(CliError::NoEffect {
+            what: "feedforward = false in --controller",
+            beside: "in demo, whose cases say which part of the law acts: true is accepted",
+        });
+    }
     let since = Instant::now();
     let planned = [
         args.common.plan(&arm, &task)?,
-        args.common.plan(&arm, &cases::fast(&task))?,
+        args.common
+            .plan(&arm, &cases::fast(&task))
+            .map_err(|error| CliError::Fast(error.into()))?,
     ];
     gains::warn(&planned[0].plan, &cases::plant(arm.elements, 1.0), &law);
     let output = Output::new(&args.out)?;

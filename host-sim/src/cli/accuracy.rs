@@ -4,6 +4,7 @@ use super::{CliError, Common, Output, controller, export, json, print, print_fac
 use crate::accuracy::{self, Accuracy, Errors};
 use crate::cases;
 use crate::closed_loop::RunOptions;
+use crate::message::near;
 use crate::plant::Start;
 use crate::ranges::{self, Analysis};
 use clap::Args;
@@ -147,7 +148,7 @@ pub(super) fn format_facts(analysis: &Analysis) -> Vec<(String, String)> {
                 format!(
                     "up to {:.4} {unit}; format to {} {unit} in steps of {:.1e}",
                     s.admissible,
-                    s.exponent.range(),
+                    near(s.exponent.range()),
                     s.exponent.unit(),
                     unit = s.unit
                 ),

@@ -6,6 +6,7 @@ use super::{
     report,
 };
 use crate::config::ArmConfig;
+use crate::message::Short;
 use crate::plan::Plan;
 use crate::plant::PlantParameters;
 use crate::stability::StabilityError;
@@ -39,7 +40,7 @@ enum GainsCommand {
     /// Finds the gains and filters with the least predicted force error over a spread of
     /// plants, subject to margins, and writes controller.toml.
     #[command(
-        after_help = "Example: host-sim gains tune --task examples/task_fast.toml --out out/gains\n\nThe same seed finds the same gains."
+        after_help = "Example: host-sim gains tune --task examples/task_fast.toml --out out/gains\n\nThe same seed finds the same gains. Of the controller file only its options count: force_projection, slope_rate_feedback and feedforward."
     )]
     Tune(TuneArgs),
 }
@@ -131,7 +132,7 @@ enum LinearisationArg {
     AsPrinted,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
 enum GainArg {
     #[value(name = "K_DF")]
     KDf,
@@ -327,12 +328,15 @@ fn write_page(
 
 /// Gains as facts.
 fn law_facts(law: &LawParameters) -> Vec<(String, String)> {
-    let corner = |hz: Option<f64>| hz.map_or("none".to_string(), |hz| format!("{hz} Hz"));
+    let corner = |hz: Option<f64>| hz.map_or("none".to_string(), |hz| format!("{} Hz", Short(hz)));
     [
-        ("K_DF", format!("{} s", law.force_derivative_s)),
-        ("K_PF", law.force_proportional.to_string()),
-        ("K_IF", format!("{} 1/s", law.force_integral_per_s)),
-        ("K_w", format!("{} N m s/rad", law.slope_rate_nms_rad)),
+        ("K_DF", format!("{} s", Short(law.force_derivative_s))),
+        ("K_PF", Short(law.force_proportional).to_string()),
+        ("K_IF", format!("{} 1/s", Short(law.force_integral_per_s))),
+        (
+            "K_w",
+            format!("{} N m s/rad", Short(law.slope_rate_nms_rad)),
+        ),
         ("force filter", corner(law.force_filter_hz)),
         ("slope rate filter", corner(law.slope_rate_filter_hz)),
     ]
@@ -389,6 +393,14 @@ fn report_facts(report: &Report, tick_rate_hz: u32) -> Vec<(String, String)> {
 }
 
 fn examine(args: &ExamineArgs) -> Result<(), CliError> {
+    if let [first, second] = args.map[..]
+        && first == second
+    {
+        let name = first.to_possible_value();
+        return Err(CliError::Map {
+            gain: name.map_or(String::new(), |name| name.get_name().into()),
+        });
+    }
     let setting = args.plants.setting()?;
     let plan = &setting.planned.plan;
     let law = &setting.law;

@@ -4,6 +4,7 @@
 use super::StabilityError;
 use super::linear::{Linear, OperatingPoint, Variant};
 use super::sampled::{LinearLaw, Sampled, with_gains_times};
+use crate::message::Short;
 use crate::plan::Plan;
 use crate::plant::PlantParameters;
 use nalgebra::Complex;
@@ -305,10 +306,13 @@ impl Spread {
                             let variant = Variant::new(plan, &parameters, angle)?;
                             for &rate in &rates {
                                 let mut name = format!(
-                                    "stiffness x {stiffness}, mass x {mass}, root + {inertia:e} kg m2"
+                                    "stiffness x {}, mass x {}, root + {} kg m2",
+                                    Short(stiffness),
+                                    Short(mass),
+                                    Short(inertia)
                                 );
                                 if self.contact_angle_rad.len() > 1 {
-                                    name += &format!(", contact turned by {angle} rad");
+                                    name += &format!(", contact turned by {} rad", Short(angle));
                                 }
                                 if meshes.len() > 1 {
                                     name += &format!(", {elements} elements");

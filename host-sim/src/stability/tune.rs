@@ -476,7 +476,7 @@ fn ends<T: Copy + PartialEq>(values: &[T]) -> Vec<T> {
     }
 }
 
-/// Laws that [`tune`] tries.
+/// Laws that [`tune`] tries, and points that it examines the best with.
 pub fn effort(options: &TuneOptions) -> u64 {
     options.particles as u64 * (options.iterations + 1)
 }
