@@ -654,14 +654,22 @@ fn run_command(args: &RunArgs) -> Result<(), CliError> {
         gains::warn(plan, &options.plant, &options.law);
     }
     let since = Instant::now();
+    let progress = progress_bar(plan.points.len() as u64, "ticks, {eta} left");
     let (run, saturations) = match args.number {
-        NumberArg::F32 => (closed_loop::run::<f32>(plan, image, options)?, None),
-        NumberArg::F64 => (closed_loop::run::<f64>(plan, image, options)?, None),
+        NumberArg::F32 => {
+            let run = closed_loop::run_with::<f32>(plan, image, options, |_, _| progress.inc(1))?;
+            (run, None)
+        }
+        NumberArg::F64 => {
+            let run = closed_loop::run_with::<f64>(plan, image, options, |_, _| progress.inc(1))?;
+            (run, None)
+        }
         NumberArg::Fixed => {
-            let (run, saturations) = run_fixed(plan, image, options, |_, _| {})?;
+            let (run, saturations) = run_fixed(plan, image, options, |_, _| progress.inc(1))?;
             (run, Some(saturations))
         }
     };
+    progress.finish_and_clear();
     let run_ms = since.elapsed().as_secs_f64() * 1e3;
 
     let mut keys = export::object([("run_ms", json!(run_ms))]);
@@ -1043,10 +1051,7 @@ fn demo(args: &DemoArgs) -> Result<(), CliError> {
     output.write("table.bin", |w| w.write_all(&planned[0].table.image))?;
     output.write("table_fast.bin", |w| w.write_all(&planned[1].table.image))?;
 
-    let progress = ProgressBar::new((CASES.len() * PLANTS.len()) as u64);
-    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} {msg}") {
-        progress.set_style(style);
-    }
+    let progress = progress_bar((CASES.len() * PLANTS.len()) as u64, "{msg}");
     let mut runs: Vec<(&str, &str, usize, Run)> = Vec::new();
     for case in &CASES {
         for (plant, scale) in PLANTS {

@@ -22,8 +22,9 @@ use shared::arm::{ArmParameters, JointMotion, KinematicsError};
 /// Fewest control periods that a path can be travelled in.
 pub const TICKS_MIN: f64 = 16.0;
 
-/// Most control periods of a whole plan; some 300 bytes of memory each.
-pub const TICKS_MAX: f64 = 4e6;
+/// Most control periods of a whole plan, 200 s at 5 kHz: some 300 bytes each in memory and
+/// as much again in plan.csv, and some seconds to plan.
+pub const TICKS_MAX: f64 = 1e6;
 
 /// Which equations the planner uses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

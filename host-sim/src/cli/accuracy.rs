@@ -1,6 +1,8 @@
 //! The command `accuracy`.
 
-use super::{CliError, Common, Output, controller, export, json, print, print_facts, report};
+use super::{
+    CliError, Common, Output, controller, export, json, print, print_facts, progress_bar, report,
+};
 use crate::accuracy::{self, Accuracy, Errors};
 use crate::cases;
 use crate::closed_loop::RunOptions;
@@ -38,7 +40,9 @@ pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
     };
     let (plan, image) = (&planned.plan, &planned.table.image);
     let analysis = ranges::analyse(plan, image, &law, &planned.limits)?;
-    let accuracies = accuracy::measure(plan, image, &options)?;
+    let progress = progress_bar(accuracy::effort(plan), "ticks, {eta} left");
+    let accuracies = accuracy::measure(plan, image, &options, &|| progress.inc(1))?;
+    progress.finish_and_clear();
 
     let mut summary: Map<String, Value> = accuracies
         .iter()

@@ -3,7 +3,7 @@
 
 use super::{
     CliError, Common, Output, Planned, cases, config, controller, export, print, print_facts,
-    report,
+    progress_bar, report,
 };
 use crate::config::ArmConfig;
 use crate::message::Short;
@@ -17,7 +17,6 @@ use crate::stability::path::{self, Report, Spread, Summary};
 use crate::stability::printed::Printed;
 use crate::stability::tune::{self, TuneOptions};
 use clap::{Args, Subcommand, ValueEnum};
-use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::Complex;
 use serde_json::{Map, Value, json};
 use shared::law::{ForceProjection, LawParameters, SlopeRateFeedback};
@@ -61,7 +60,7 @@ struct PlantArgs {
     spread: Option<PathBuf>,
     /// Points of the path at which the loop is frozen
     #[arg(long, value_name = "N", default_value_t = path::DEFAULT_POINTS as u32,
-          value_parser = clap::value_parser!(u32).range(2..=10_000))]
+          value_parser = clap::value_parser!(u32).range(2..=1000))]
     points: u32,
 }
 
@@ -115,11 +114,11 @@ struct TuneArgs {
     seed: u64,
     /// Particles of the swarm
     #[arg(long, value_name = "N", default_value_t = 30,
-          value_parser = clap::value_parser!(u32).range(2..=10_000))]
+          value_parser = clap::value_parser!(u32).range(2..=1000))]
     particles: u32,
     /// Steps of each particle
     #[arg(long, value_name = "N", default_value_t = 50,
-          value_parser = clap::value_parser!(u32).range(1..=100_000))]
+          value_parser = clap::value_parser!(u32).range(1..=10_000))]
     iterations: u32,
     /// Folder for the results; made if it is not there
     #[arg(long, value_name = "DIR", default_value = "out/gains")]
@@ -413,13 +412,15 @@ fn examine(args: &ExamineArgs) -> Result<(), CliError> {
         });
     }
     let since = Instant::now();
-    let report = Report::new(
-        plan,
-        &setting.plant,
-        &setting.spread,
-        law,
-        args.plants.points as usize,
-    )?;
+    let points = args.plants.points as usize;
+    let progress = progress_bar(
+        Report::effort(&setting.spread, points),
+        "points of all plants, {eta} left",
+    );
+    let report = Report::new(plan, &setting.plant, &setting.spread, law, points, &|| {
+        progress.inc(1);
+    })?;
+    progress.finish_and_clear();
     let wall_ms = since.elapsed().as_secs_f64() * 1e3;
     let warnings = warnings(&setting, law, &report)?;
 
@@ -595,12 +596,8 @@ fn tune_command(args: &TuneArgs) -> Result<(), CliError> {
         iterations: u64::from(args.iterations),
     };
     let since = Instant::now();
-    let progress = ProgressBar::new(tune::effort(&options));
-    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} laws tried, {eta} to go")
-    {
-        progress.set_style(style);
-    }
-    let tuned = tune::tune(plan, &options, &|tried| progress.set_position(tried));
+    let progress = progress_bar(tune::effort(&options), "laws and points tried, {eta} left");
+    let tuned = tune::tune(plan, &options, &|| progress.inc(1));
     progress.finish_and_clear();
     let tuned = tuned?;
     let wall_ms = since.elapsed().as_secs_f64() * 1e3;
