@@ -593,7 +593,11 @@ impl<'a> Output<'a> {
     fn new(folder: &'a Path) -> Result<Self, CliError> {
         std::fs::create_dir_all(folder).map_err(|cause| CliError::Unwritable {
             file: folder.to_path_buf(),
-            cause,
+            cause: match cause.kind() {
+                // "File exists" would not say what is wrong with that.
+                io::ErrorKind::AlreadyExists => io::ErrorKind::NotADirectory.into(),
+                _ => cause,
+            },
         })?;
         Ok(Self { folder })
     }

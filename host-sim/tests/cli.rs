@@ -434,7 +434,7 @@ fn usage_and_output_errors_have_their_codes() {
     let file = out.join("a_file");
     std::fs::write(&file, "x").unwrap();
     let inside = file.join("results");
-    for command in ["plan", "run", "demo", "pil"] {
+    for command in ["plan", "run", "demo", "gains", "pil"] {
         refused(
             &[command, "--out", inside.to_str().unwrap()],
             1,
@@ -468,6 +468,11 @@ fn usage_and_output_errors_have_their_codes() {
         &["pil", "--elf", "/nowhere/firmware", "--out", out],
         2,
         &["/nowhere/firmware", "`cargo xtask firmware` builds it"],
+    );
+    refused(
+        &["plan", "--out", file.to_str().unwrap()],
+        1,
+        &["a_file", "cannot be written", "not a directory"],
     );
     refused(
         &["run", "--bending-stiffness-scale", "nan"],

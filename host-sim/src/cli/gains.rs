@@ -412,6 +412,8 @@ fn examine(args: &ExamineArgs) -> Result<(), CliError> {
         });
     }
     let since = Instant::now();
+    // Before the work: a folder that cannot be made should not cost minutes.
+    let output = Output::new(&args.out)?;
     let points = args.plants.points as usize;
     let progress = progress_bar(
         Report::effort(&setting.spread, points),
@@ -435,7 +437,6 @@ fn examine(args: &ExamineArgs) -> Result<(), CliError> {
     let mut facts = law_facts(law);
     facts.extend(report_facts(&report, plan.tick_rate_hz));
     facts.push(("examined in".into(), format!("{wall_ms:.0} ms")));
-    let output = Output::new(&args.out)?;
     let map_of = [args.map[0].gain(), args.map[1].gain()];
     write_page(&setting, law, &report, map_of, &warnings, &facts, &output)?;
 
@@ -595,6 +596,7 @@ fn tune_command(args: &TuneArgs) -> Result<(), CliError> {
         particles: args.particles as usize,
         iterations: u64::from(args.iterations),
     };
+    let output = Output::new(&args.out)?;
     let since = Instant::now();
     let progress = progress_bar(tune::effort(&options), "laws and points tried, {eta} left");
     let tuned = tune::tune(plan, &options, &|| progress.inc(1));
@@ -634,7 +636,6 @@ fn tune_command(args: &TuneArgs) -> Result<(), CliError> {
             args.seed
         ),
     ));
-    let output = Output::new(&args.out)?;
     let how = [
         format!(
             "Arm with {} elements, {} Hz, seed {}, {} particles, {} steps; predicted force error",
