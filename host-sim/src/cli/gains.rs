@@ -1,14 +1,15 @@
 //! `host-sim gains`: are these gains stable over the whole motion, and with what margin;
 //! `host-sim gains tune`: find good ones.
 
-use super::{
-    CliError, Common, Output, Planned, cases, config, controller, export, print, print_facts,
-    progress_bar, report,
-};
-use crate::config::ArmConfig;
+use super::plan::Planned;
+use super::{CliError, Common, Output, controller, print, print_facts, progress_bar};
+use crate::cases;
+use crate::config::{self, ArmConfig};
+use crate::export;
 use crate::message::Short;
 use crate::plan::Plan;
 use crate::plant::PlantParameters;
+use crate::report;
 use crate::stability::StabilityError;
 use crate::stability::advice::{advice, warning};
 use crate::stability::linear::{Linear, OperatingPoint, Variant};
