@@ -84,5 +84,5 @@ fn report_stability_over_50_points_and_27_plants(bencher: divan::Bencher<'_, '_>
     let law = config::parse_controller("example", config::DEFAULT_CONTROLLER).expect("valid");
     let spread = config::parse_spread("example", config::DEFAULT_SPREAD).expect("valid");
     let plant = cases::plant(3, 1.0);
-    bencher.bench(|| Report::new(&plan, &plant, &spread, &law, 50));
+    bencher.bench(|| Report::new(&plan, &plant, &spread, &law, 50, &|| ()));
 }

@@ -27,7 +27,10 @@ impl Mode {
                 feedforward: false,
                 ..*law
             },
-            Self::Proposed => *law,
+            Self::Proposed => LawParameters {
+                feedforward: true,
+                ..*law
+            },
         }
     }
 }

@@ -5,32 +5,32 @@
 //! early); 2 the command line or a file is at fault.
 
 mod accuracy;
+mod demo;
 mod gains;
+mod plan;
+mod run;
 
-use crate::accuracy::{AccuracyError, run_fixed};
-use crate::cases::{self, CASES, Mode, PLANTS};
-use crate::closed_loop::{self, Outcome, Run, RunError, RunOptions};
+use self::run::{Simulation, SimulationArgs};
+use crate::accuracy::AccuracyError;
+use crate::closed_loop::{Outcome, Run, RunError};
 use crate::config::{self, ArmConfig, ConfigError};
 use crate::export;
-use crate::knots::{self, EncodedTable};
+use crate::message::{Short, enough, near};
 use crate::pil::{self, Emulation, Logs, PilError, PilRun, Processor};
-use crate::plan::{self, Equations, Plan, PlanError, PlanOptions, Task};
-use crate::plant::{PlantParameters, Start};
-use crate::ranges::{self, RangeError};
+use crate::plan::{PlanError, Task};
+use crate::ranges::RangeError;
 use crate::report;
 use crate::stability::StabilityError;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
-use shared::guard::LimitParameters;
 use shared::law::LawParameters;
 use shared::link::Setup;
-use shared::table::{Table, TableError};
+use shared::table::TableError;
 use std::ffi::OsString;
 use std::fs::File;
-use std::io::{self, BufWriter, Read, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 /// Plans an elastic arm's motion along a surface and simulates it under the firmware's
 /// own controller.
@@ -49,19 +49,19 @@ struct Cli {
 enum Command {
     /// Runs the paper's task in all its cases and writes a report.
     #[command(
-        after_help = "Example: host-sim demo --out out/demo\n\nThe plants have the plan's number of elements. `host-sim run` has all plant options."
+        after_help = "Example: host-sim demo --out out/demo\n\nFour cases run the task as it is, with feedforward, feedback or both; the fifth runs its path in a fifth of the time, with pre- and post-actuation. The plants have the plan's number of elements. `host-sim run` runs one case, with all options."
     )]
-    Demo(DemoArgs),
+    Demo(demo::DemoArgs),
     /// Plans a task: joint angles, deflection and feedforward torques, and the table.
     #[command(
         after_help = "Example: host-sim plan --arm examples/arm.toml --task examples/task_fast.toml --out out/plan\n\nWrites plan.csv, table.bin and summary.json."
     )]
-    Plan(PlanArgs),
+    Plan(plan::PlanArgs),
     /// Plans a task and runs the controller on it against a simulated arm.
     #[command(
         after_help = "Example: host-sim run --task examples/task_fast.toml --plant examples/plant_soft.toml --out out/run\n\nWrites run.csv, plan.csv, table.bin, summary.json, figures and report.html."
     )]
-    Run(RunArgs),
+    Run(run::RunArgs),
     /// Says whether gains are stable over the whole motion, and with what margin.
     #[command(
         after_help = "Example: host-sim gains --controller examples/controller.toml --out out/gains\n\nWrites report.html, figures and summary.json. `host-sim gains tune` finds gains."
@@ -102,68 +102,6 @@ struct Common {
 }
 
 #[derive(Args)]
-struct DemoArgs {
-    #[command(flatten)]
-    common: Common,
-    /// Gains; without it those of examples/controller.toml
-    #[arg(long, value_name = "FILE")]
-    controller: Option<PathBuf>,
-    /// Folder for the results; made if it is not there
-    #[arg(long, value_name = "DIR", default_value = "out/demo")]
-    out: PathBuf,
-}
-
-#[derive(Args)]
-struct PlanArgs {
-    #[command(flatten)]
-    common: Common,
-    /// Folder for the results; made if it is not there
-    #[arg(long, value_name = "DIR", default_value = "out/plan")]
-    out: PathBuf,
-}
-
-/// What is run: task, controller and plant.
-#[derive(Args)]
-struct SimulationArgs {
-    #[command(flatten)]
-    common: Common,
-    /// Gains; without it those of examples/controller.toml
-    #[arg(long, value_name = "FILE")]
-    controller: Option<PathBuf>,
-    /// Which part of the law acts
-    #[arg(long, value_enum, default_value_t = ModeArg::Proposed)]
-    mode: ModeArg,
-    /// How the plant differs from the planned arm; without it not at all, but for eight
-    /// elements [examples/plant_soft.toml]
-    #[arg(long, value_name = "FILE")]
-    plant: Option<PathBuf>,
-    /// Elements of the plant's link 2; before the plant file's
-    #[arg(long, value_name = "N")]
-    plant_elements: Option<u32>,
-    /// Factor on the plant's bending stiffness; before the plant file's
-    #[arg(long, value_name = "X")]
-    bending_stiffness_scale: Option<f64>,
-    /// State that the plant starts in; before the plant file's
-    #[arg(long, value_enum)]
-    start: Option<StartArg>,
-    /// A table to run instead of the one that is planned; it must fit arm and task
-    #[arg(long, value_name = "FILE")]
-    table: Option<PathBuf>,
-}
-
-#[derive(Args)]
-struct RunArgs {
-    #[command(flatten)]
-    simulation: SimulationArgs,
-    /// Number type that the controller computes in
-    #[arg(long, value_enum, default_value_t = NumberArg::F32)]
-    number: NumberArg,
-    /// Folder for the results; made if it is not there
-    #[arg(long, value_name = "DIR", default_value = "out/run")]
-    out: PathBuf,
-}
-
-#[derive(Args)]
 struct PilArgs {
     #[command(flatten)]
     simulation: SimulationArgs,
@@ -187,31 +125,6 @@ enum ModelArg {
     AsPrinted,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum ModeArg {
-    Proposed,
-    Feedforward,
-    Feedback,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum StartArg {
-    /// The plan's first shape with its elastic velocity
-    PlanMoving,
-    /// The plan's first shape at rest
-    PlanAtRest,
-    /// The plant's own equilibrium under the planned force
-    Equilibrium,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum NumberArg {
-    F32,
-    F64,
-    /// Fixed point of 32 bits
-    Fixed,
-}
-
 /// Why a command failed.
 #[derive(Debug, thiserror::Error)]
 enum CliError {
@@ -219,9 +132,10 @@ enum CliError {
     Config(#[from] ConfigError),
     #[error(transparent)]
     Plan(#[from] PlanError),
-    #[error("planned torque of joint {joint} reaches {torque_nm:.4} N m; limits.torque_Nm[{}] = {limit_nm} is accepted from {torque_nm:.4} on, or plan a longer duration_s", joint - 1)]
+    #[error("limits.torque_Nm[{}] = {}; accepted: from {} on, as the planned torque of joint {joint} reaches {} N m at t = {t_s:.4} s; a longer duration_s may need less", joint - 1, Short(*limit_nm), enough(*torque_nm), near(*torque_nm))]
     Limit {
         joint: usize,
+        t_s: f64,
         torque_nm: f64,
         limit_nm: f64,
     },
@@ -245,9 +159,20 @@ enum CliError {
     Report(#[from] report::ReportError),
     #[error(transparent)]
     Stability(#[from] StabilityError),
-    #[error("--at {at_s}: a time of the plan from {start_s} to {end_s} s is accepted")]
+    #[error("--at {}; accepted: a time of the plan from {} to {} s", Short(*at_s), Short(*start_s), Short(*end_s))]
     At { at_s: f64, start_s: f64, end_s: f64 },
-    #[error("{what} {value}: from 0 to {most} is accepted")]
+    #[error("--map {gain} {gain}; accepted: two different gains")]
+    Map { gain: String },
+    #[error("{what} has no effect {beside}")]
+    NoEffect {
+        what: &'static str,
+        beside: &'static str,
+    },
+    #[error(
+        "demo's fast case, the task in a fifth of its duration_s, cannot be planned: {0}; `host-sim run` runs a task as it is"
+    )]
+    Fast(Box<CliError>),
+    #[error("{what} {}; accepted: from 0 to {}", Short(*value), Short(*most))]
     Margin {
         what: &'static str,
         value: f64,
@@ -299,6 +224,8 @@ impl CliError {
             | Self::OtherTask { .. }
             | Self::Unreadable { .. }
             | Self::At { .. }
+            | Self::Map { .. }
+            | Self::NoEffect { .. }
             | Self::Margin { .. }
             | Self::Range(_)
             | Self::Run(_)
@@ -323,6 +250,7 @@ impl CliError {
             | Self::Differs { .. }
             | Self::RandomDiffers { .. }
             | Self::Stdout(_) => 1,
+            Self::Fast(error) => error.exit_code(),
         }
     }
 }
@@ -339,13 +267,13 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         None => {
             // As if typed, so that the defaults have one place.
             match Cli::parse_from(["host-sim", "demo"]).command {
-                Some(Command::Demo(args)) => demo(&args),
+                Some(Command::Demo(args)) => demo::demo(&args),
                 _ => Ok(()),
             }
         }
-        Some(Command::Demo(args)) => demo(&args),
-        Some(Command::Plan(args)) => plan_command(&args),
-        Some(Command::Run(args)) => run_command(&args),
+        Some(Command::Demo(args)) => demo::demo(&args),
+        Some(Command::Plan(args)) => plan::plan_command(&args),
+        Some(Command::Run(args)) => run::run_command(&args),
         Some(Command::Gains(args)) => gains::command(&args),
         Some(Command::Accuracy(args)) => accuracy::accuracy(&args),
         Some(Command::Pil(args)) => pil_command(&args),
@@ -366,46 +294,14 @@ fn say(line: impl std::fmt::Display) {
     let _ = writeln!(io::stderr(), "{line}");
 }
 
-/// What a reader should know before using a plan and its table.
-fn doubts(plan: &Plan, table: &EncodedTable) -> Vec<String> {
-    /// Share of a torque's peak that it may change by in the first or last control period;
-    /// with up to 8 elements the paper's task stays below it.
-    const JUMP: f64 = 0.03;
-    /// The table's accuracy where the format is at its best, N m.
-    const TABLE_NM: f64 = 1e-4;
-    let mut doubts = Vec::new();
-    let points = &plan.points;
-    let last = points.len() - 1;
-    for (end, window, i, j) in [
-        ("starts", "pre_actuation_s", 0, 1),
-        ("ends", "post_actuation_s", last - 1, last),
-    ] {
-        for joint in 0..2 {
-            let jump = (points[i].torque[joint] - points[j].torque[joint]).abs();
-            if jump > JUMP * plan.peaks.torque[joint] {
-                doubts.push(format!(
-                    "the plan {end} with a jump of torque tau{} by {jump:.3} N m within a control period, to bend the link at once; a longer {window}, for instance \"auto\", or fewer link2.elements avoid it",
-                    joint + 1
-                ));
-            }
-        }
+/// A progress bar on standard error, where that is a terminal; `words` follow its numbers.
+fn progress_bar(length: u64, words: &str) -> ProgressBar {
+    let bar = ProgressBar::new(length);
+    if let Ok(style) = ProgressStyle::with_template(&format!("{{bar:30}} {{pos}}/{{len}} {words}"))
+    {
+        bar.set_style(style);
     }
-    let error_nm = table.torque_error_max_nm;
-    if !(error_nm <= TABLE_NM) {
-        doubts.push(format!(
-            "the table reproduces the torque to {error_nm:.1e} N m only, {TABLE_NM:e} is usual: the motion has parts too fast for its knots"
-        ));
-    }
-    doubts
-}
-
-/// A task planned and encoded, with how long that took.
-struct Planned {
-    plan: Plan,
-    table: EncodedTable,
-    plan_ms: f64,
-    table_ms: f64,
-    limits: LimitParameters,
+    bar
 }
 
 impl Common {
@@ -418,120 +314,6 @@ impl Common {
         )?;
         Ok((arm, task))
     }
-
-    fn plan(&self, arm: &ArmConfig, task: &Task) -> Result<Planned, CliError> {
-        let options = PlanOptions {
-            elements: arm.elements,
-            tick_rate_hz: self.tick_rate_hz,
-            equations: match self.model {
-                ModelArg::Exact => Equations::Exact,
-                ModelArg::AsPrinted => Equations::AsPrinted,
-            },
-            ..PlanOptions::default()
-        };
-        let milliseconds = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
-        let since = Instant::now();
-        let plan = plan::plan(&arm.arm, task, &options)?;
-        let plan_ms = milliseconds(since);
-        let limits = match arm.limits {
-            Some(limits) => {
-                for (i, (torque_nm, limit_nm)) in plan
-                    .peaks
-                    .torque
-                    .into_iter()
-                    .zip(limits.torque_nm)
-                    .enumerate()
-                {
-                    if torque_nm > limit_nm {
-                        let joint = i + 1;
-                        return Err(CliError::Limit {
-                            joint,
-                            torque_nm,
-                            limit_nm,
-                        });
-                    }
-                }
-                limits
-            }
-            None => cases::default_limits(&plan),
-        };
-        let since = Instant::now();
-        let table = knots::encode(&plan).map_err(CliError::Encode)?;
-        for word in doubts(&plan, &table) {
-            say(format_args!("warning: {word}"));
-        }
-        Ok(Planned {
-            plan,
-            table,
-            plan_ms,
-            table_ms: milliseconds(since),
-            limits,
-        })
-    }
-}
-
-impl Planned {
-    /// The plan's figures as flat JSON.
-    fn json(&self) -> Map<String, Value> {
-        let (intervals, iterations) = self.plan.effort();
-        let peaks = &self.plan.peaks;
-        let seconds = |ticks: u32| f64::from(ticks) / f64::from(self.plan.tick_rate_hz);
-        export::object([
-            ("plan_ms", json!(self.plan_ms)),
-            ("table_ms", json!(self.table_ms)),
-            ("table_bytes", json!(self.table.image.len())),
-            (
-                "table_torque_error_max_Nm",
-                json!(self.table.torque_error_max_nm),
-            ),
-            (
-                "table_angle_error_max_rad",
-                json!(self.table.angle_error_max_rad),
-            ),
-            ("error_estimate", json!(self.plan.error_estimate())),
-            ("mesh_intervals", json!(intervals)),
-            ("newton_iterations", json!(iterations)),
-            ("tick_rate_Hz", json!(self.plan.tick_rate_hz)),
-            ("plan_ticks", json!(self.plan.ticks)),
-            ("pre_actuation_s", json!(seconds(self.plan.pre_ticks))),
-            ("elements", json!(self.plan.model.elements)),
-            (
-                "arm_fingerprint",
-                json!(format!("{:#010x}", self.plan.model.arm.fingerprint())),
-            ),
-            ("planned_torque1_max_Nm", json!(peaks.torque[0])),
-            ("planned_torque2_max_Nm", json!(peaks.torque[1])),
-            ("planned_power1_max_W", json!(peaks.power[0])),
-            ("planned_power2_max_W", json!(peaks.power[1])),
-            (
-                "initial_slope_rate_rad_s",
-                json!(self.plan.points[0].root_slope_rate),
-            ),
-        ])
-    }
-
-    /// The plan's figures as facts for a reader.
-    fn facts(&self) -> Vec<(String, String)> {
-        let plan = &self.plan;
-        let peaks = &plan.peaks;
-        let end = plan.points[plan.points.len() - 1].t;
-        let (intervals, iterations) = plan.effort();
-        [
-            ("motion", format!(
-                "{:.4} to {end:.4} s, {} ticks at {} Hz", plan.points[0].t, plan.ticks, plan.tick_rate_hz)),
-            ("planned in", format!(
-                "{:.1} ms, {intervals} intervals, {iterations} Newton steps; the table in {:.1} ms",
-                self.plan_ms, self.table_ms)),
-            ("deflection error estimate", format!("{:.1e} rad, m", plan.error_estimate())),
-            ("planned torque", format!("up to {:.4} and {:.4} N m", peaks.torque[0], peaks.torque[1])),
-            ("planned power", format!("up to {:.3} and {:.3} W", peaks.power[0], peaks.power[1])),
-            ("slope rate at the start", format!("{:.2e} rad/s", plan.points[0].root_slope_rate)),
-            ("feedforward table", format!(
-                "{} bytes, torque to {:.1e} N m", self.table.image.len(), self.table.torque_error_max_nm)),
-        ]
-        .map(|(name, fact)| (name.to_string(), fact))
-        .to_vec()
-    }
 }
 
 /// Writes files into a folder, making it first.
@@ -543,7 +325,11 @@ impl<'a> Output<'a> {
     fn new(folder: &'a Path) -> Result<Self, CliError> {
         std::fs::create_dir_all(folder).map_err(|cause| CliError::Unwritable {
             file: folder.to_path_buf(),
-            cause,
+            cause: match cause.kind() {
+                // "File exists" would not say what is wrong with that.
+                io::ErrorKind::AlreadyExists => io::ErrorKind::NotADirectory.into(),
+                _ => cause,
+            },
         })?;
         Ok(Self { folder })
     }
@@ -573,69 +359,6 @@ impl<'a> Output<'a> {
 /// Prints a line to standard output.
 fn print(text: impl std::fmt::Display) -> Result<(), CliError> {
     writeln!(io::stdout(), "{text}").map_err(CliError::Stdout)
-}
-
-fn plan_command(args: &PlanArgs) -> Result<(), CliError> {
-    let (arm, task) = args.common.load()?;
-    let planned = args.common.plan(&arm, &task)?;
-    let output = Output::new(&args.out)?;
-    output.write("plan.csv", |w| export::plan_csv(&planned.plan, w))?;
-    output.write("table.bin", |w| w.write_all(&planned.table.image))?;
-    let summary = Value::Object(planned.json());
-    output.json("summary.json", &summary)?;
-    if args.common.json {
-        return print(summary);
-    }
-    print_facts(&planned.facts())?;
-    print(format_args!(
-        "\nplan.csv, table.bin and summary.json are in {}",
-        args.out.display()
-    ))
-}
-
-fn run_command(args: &RunArgs) -> Result<(), CliError> {
-    let simulation = args.simulation.prepare()?;
-    let Simulation {
-        planned, options, ..
-    } = &simulation;
-    let output = Output::new(&args.out)?;
-    let (plan, image) = (&planned.plan, &planned.table.image);
-    if simulation.mode != Mode::Feedforward {
-        gains::warn(plan, &options.plant, &options.law);
-    }
-    let since = Instant::now();
-    let (run, saturations) = match args.number {
-        NumberArg::F32 => (closed_loop::run::<f32>(plan, image, options)?, None),
-        NumberArg::F64 => (closed_loop::run::<f64>(plan, image, options)?, None),
-        NumberArg::Fixed => {
-            let (run, saturations) = run_fixed(plan, image, options, |_, _| {})?;
-            (run, Some(saturations))
-        }
-    };
-    let run_ms = since.elapsed().as_secs_f64() * 1e3;
-
-    let mut keys = export::object([("run_ms", json!(run_ms))]);
-    let fact = format!("{run_ms:.0} ms, plant with {} elements", run.elements);
-    let mut facts = vec![("simulated in".into(), fact)];
-    if let Some(saturations) = saturations {
-        let total = saturations.total();
-        keys.insert("saturations".into(), json!(total));
-        for (signal, count) in saturations.entries() {
-            keys.insert(format!("saturations_{signal}"), json!(count));
-        }
-        let analysis = ranges::analyse(plan, image, &options.law, &options.limits)?;
-        facts.extend(accuracy::format_facts(&analysis));
-        facts.push(("fixed point: saturations".into(), total.to_string()));
-    }
-    simulation.report(
-        &output,
-        &run,
-        "Flexor: run",
-        keys,
-        facts,
-        args.simulation.common.json,
-    )?;
-    simulation.judge(&run, &output)
 }
 
 fn pil_command(args: &PilArgs) -> Result<(), CliError> {
@@ -800,258 +523,12 @@ fn firmware(processor: &Processor) -> String {
     format!("{git:08x}{}", if identity.modified { "+" } else { "" })
 }
 
-/// What is to be run, planned.
-struct Simulation {
-    planned: Planned,
-    options: RunOptions,
-    mode: Mode,
-}
-
-impl Simulation {
-    /// Writes the files of a run and prints its result. `keys` and `facts` are what is
-    /// particular to it.
-    fn report(
-        &self,
-        output: &Output,
-        run: &Run,
-        title: &str,
-        keys: Map<String, Value>,
-        facts: Vec<(String, String)>,
-        json: bool,
-    ) -> Result<(), CliError> {
-        let Planned { plan, table, .. } = &self.planned;
-        let mut summary = export::summary_json(&run.summary);
-        summary.extend(self.planned.json());
-        summary.extend(keys);
-        summary.insert("plant_elements".into(), json!(run.elements));
-        let summary = Value::Object(summary);
-        output.write("plan.csv", |w| export::plan_csv(plan, w))?;
-        output.write("table.bin", |w| w.write_all(&table.image))?;
-        output.write("run.csv", |w| export::run_csv(run, w))?;
-        output.json("summary.json", &summary)?;
-        let name = match self.mode {
-            Mode::Proposed => "proposed",
-            Mode::Feedforward => "feedforward",
-            Mode::Feedback => "feedback",
-        };
-        let cases = [report::Case {
-            case: name,
-            plant: "plant",
-            plan,
-            run,
-        }];
-        let mut all = self.planned.facts();
-        all.extend(facts);
-        let page = output.folder.join("report.html");
-        report::write_figures(output.folder, &cases)?;
-        report::write_html(&page, title, &cases, &all)?;
-        if json {
-            return print(&summary);
-        }
-        print_facts(&all)?;
-        print("")?;
-        print(results([(name, "plant", run)]))?;
-        print(format_args!("\nThe report is {}", page.display()))
-    }
-
-    /// A run that could not go on to its end is a failure; a bad result is not.
-    fn judge(&self, run: &Run, output: &Output) -> Result<(), CliError> {
-        let outcome = run.summary.outcome;
-        if outcome == Outcome::Diverged {
-            let first = self.planned.plan.points[0].t;
-            return Err(CliError::Stopped {
-                t_s: run.rows.last().map_or(first, |row| row.t),
-                outcome,
-                out: output.folder.to_path_buf(),
-            });
-        }
-        Ok(())
-    }
-}
-
-impl SimulationArgs {
-    /// Reads the files and plans.
-    fn prepare(&self) -> Result<Simulation, CliError> {
-        let (arm, task) = self.common.load()?;
-        let law = controller(self.controller.as_deref())?;
-        let (mut plant, mut start) = config::load(self.plant.as_deref(), "", config::parse_plant)?;
-        self.adjust(&mut plant, &mut start)?;
-        let mut planned = self.common.plan(&arm, &task)?;
-        if let Some(file) = &self.table {
-            planned.table.image = read_table(file, &planned.plan)?;
-        }
-        let mode = match self.mode {
-            ModeArg::Proposed => Mode::Proposed,
-            ModeArg::Feedforward => Mode::Feedforward,
-            ModeArg::Feedback => Mode::Feedback,
-        };
-        let options = RunOptions {
-            law: mode.of(&law),
-            limits: planned.limits,
-            plant,
-            start,
-        };
-        Ok(Simulation {
-            planned,
-            options,
-            mode,
-        })
-    }
-
-    /// Puts what was said on the command line before what the plant file says.
-    fn adjust(&self, plant: &mut PlantParameters, start: &mut Start) -> Result<(), CliError> {
-        if let Some(elements) = self.plant_elements {
-            config::check_option("elements", f64::from(elements))?;
-            plant.elements = elements as usize;
-        }
-        if let Some(scale) = self.bending_stiffness_scale {
-            let field = "bending_stiffness_scale";
-            plant.bending_stiffness_scale = config::check_option(field, scale)?;
-        }
-        match self.start {
-            Some(StartArg::PlanMoving) => *start = Start::PlanMoving,
-            Some(StartArg::PlanAtRest) => *start = Start::PlanAtRest,
-            Some(StartArg::Equilibrium) => *start = Start::Equilibrium,
-            None => {}
-        }
-        Ok(())
-    }
-}
-
 fn controller(file: Option<&Path>) -> Result<LawParameters, CliError> {
     Ok(config::load(
         file,
         config::DEFAULT_CONTROLLER,
         config::parse_controller,
     )?)
-}
-
-/// Bytes of a file that are read as a table.
-const TABLE_BYTES_MAX: u64 = 64 << 20;
-
-/// Reads a table image and makes sure that it is for the plan's arm, rate and length.
-fn read_table(file: &Path, plan: &Plan) -> Result<Vec<u8>, CliError> {
-    // More than any slot holds is no table; a device would never end.
-    let mut image = Vec::new();
-    File::open(file)
-        .and_then(|opened| opened.take(TABLE_BYTES_MAX).read_to_end(&mut image))
-        .map_err(|cause| CliError::Unreadable {
-            file: file.to_path_buf(),
-            cause,
-        })?;
-    let table = Table::open_for(&image, plan.model.arm.fingerprint()).map_err(|source| {
-        CliError::Table {
-            file: file.to_path_buf(),
-            source,
-        }
-    })?;
-    let header = table.header();
-    let first_tick = -plan.pre_ticks.cast_signed();
-    let is = (header.tick_rate_hz, header.ticks, header.first_tick);
-    let should = (plan.tick_rate_hz, plan.ticks, first_tick);
-    if is == should {
-        return Ok(image);
-    }
-    let words = |(rate, ticks, first): (u32, u32, i32)| {
-        format!("{ticks} ticks from tick {first} at {rate} Hz")
-    };
-    Err(CliError::OtherTask {
-        file: file.to_path_buf(),
-        found: words(is),
-        expected: words(should),
-    })
-}
-
-fn demo(args: &DemoArgs) -> Result<(), CliError> {
-    let (arm, task) = args.common.load()?;
-    let law = controller(args.controller.as_deref())?;
-    let since = Instant::now();
-    let planned = [
-        args.common.plan(&arm, &task)?,
-        args.common.plan(&arm, &cases::fast(&task))?,
-    ];
-    gains::warn(&planned[0].plan, &cases::plant(arm.elements, 1.0), &law);
-    let output = Output::new(&args.out)?;
-    output.write("plan.csv", |w| export::plan_csv(&planned[0].plan, w))?;
-    output.write("plan_fast.csv", |w| export::plan_csv(&planned[1].plan, w))?;
-    output.write("table.bin", |w| w.write_all(&planned[0].table.image))?;
-    output.write("table_fast.bin", |w| w.write_all(&planned[1].table.image))?;
-
-    let progress = ProgressBar::new((CASES.len() * PLANTS.len()) as u64);
-    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} {msg}") {
-        progress.set_style(style);
-    }
-    let mut runs: Vec<(&str, &str, usize, Run)> = Vec::new();
-    for case in &CASES {
-        for (plant, scale) in PLANTS {
-            progress.set_message(format!("{}, {plant}", case.name));
-            let used = usize::from(case.fast);
-            let options = RunOptions {
-                law: case.mode.of(&law),
-                limits: planned[used].limits,
-                plant: cases::plant(arm.elements, scale),
-                start: case.start,
-            };
-            let (plan, image) = (&planned[used].plan, &planned[used].table.image);
-            let run = closed_loop::run::<f32>(plan, image, &options)?;
-            let folder = args.out.join(format!("{}_{plant}", case.name));
-            let folder = Output::new(&folder)?;
-            folder.write("run.csv", |w| export::run_csv(&run, w))?;
-            let mut summary = export::summary_json(&run.summary);
-            summary.extend(planned[used].json());
-            folder.json("summary.json", &Value::Object(summary))?;
-            runs.push((case.name, plant, used, run));
-            progress.inc(1);
-        }
-    }
-    progress.set_message("report");
-    let list: Vec<Value> = runs
-        .iter()
-        .map(|(case, plant, _, run)| {
-            let mut entry = export::object([("case", json!(case)), ("plant", json!(plant))]);
-            entry.extend(export::errors_json(&run.summary));
-            Value::Object(entry)
-        })
-        .collect();
-    let summary =
-        json!({ "cases": list, "plan": planned[0].json(), "plan_fast": planned[1].json() });
-    output.json("summary.json", &summary)?;
-    let cases: Vec<report::Case> = runs
-        .iter()
-        .map(|(case, plant, used, run)| report::Case {
-            case,
-            plant,
-            plan: &planned[*used].plan,
-            run,
-        })
-        .collect();
-    let mut facts = planned[0].facts();
-    facts.extend(
-        planned[1]
-            .facts()
-            .into_iter()
-            .map(|(name, fact)| (format!("fast: {name}"), fact)),
-    );
-    report::write_figures(&args.out, &cases)?;
-    let page = args.out.join("report.html");
-    report::write_html(&page, "Flexor: the paper's manipulation", &cases, &facts)?;
-    progress.finish_and_clear();
-
-    if args.common.json {
-        return print(&summary);
-    }
-    print_facts(&planned[0].facts())?;
-    print("")?;
-    print(results(
-        runs.iter()
-            .map(|(case, plant, _, run)| (*case, *plant, run)),
-    ))?;
-    print(format_args!(
-        "\n{} runs in {:.1} s. The report is {}",
-        runs.len(),
-        since.elapsed().as_secs_f64(),
-        page.display()
-    ))
 }
 
 /// Prints names and facts in two columns.

@@ -33,6 +33,7 @@ pub mod dynamics;
 pub mod export;
 pub mod integrator;
 pub mod knots;
+mod message;
 pub mod model;
 pub mod pil;
 pub mod plan;

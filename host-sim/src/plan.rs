@@ -13,6 +13,7 @@
 
 use crate::collocation::{self, CollocationError, Solution};
 use crate::dynamics::{self, Motion, Posture, Surface};
+use crate::message::{Short, near};
 use crate::model::{ArmModel, ModelError, dot};
 use crate::trajectory::{Line, TipMotion};
 use nalgebra::{Complex, DMatrix, DVector};
@@ -21,8 +22,9 @@ use shared::arm::{ArmParameters, JointMotion, KinematicsError};
 /// Fewest control periods that a path can be travelled in.
 pub const TICKS_MIN: f64 = 16.0;
 
-/// Most control periods of a whole plan; some 300 bytes of memory each.
-pub const TICKS_MAX: f64 = 4e6;
+/// Most control periods of a whole plan, 200 s at 5 kHz: some 300 bytes each in memory and
+/// as much again in plan.csv, and some seconds to plan.
+pub const TICKS_MAX: f64 = 1e6;
 
 /// Which equations the planner uses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -82,11 +84,13 @@ pub enum PlanError {
     #[error("path.from_m and path.to_m are the same point ({:.4}, {:.4}) m: a path longer than 1e-6 m is accepted", .0[0], .0[1])]
     NoPath([f64; 2]),
     /// The force's direction does not choose between the path's normals.
-    #[error("force.direction = [{}, {}] runs along the path: a direction with a component across it is accepted", .0[0], .0[1])]
+    #[error("force.direction = [{}, {}] runs along the path: a direction with a component across it is accepted", Short(.0[0]), Short(.0[1]))]
     Direction([f64; 2]),
     /// Too few or too many control periods.
     #[error(
-        "{what} of {value_s} s is {ticks:.4e} control periods at {tick_rate_hz} Hz: {accepted} are accepted"
+        "{what} of {} s is {} control periods at {tick_rate_hz} Hz: {accepted} are accepted",
+        Short(*value_s),
+        near(*ticks)
     )]
     Duration {
         /// What takes that long.
@@ -102,7 +106,8 @@ pub enum PlanError {
     },
     /// No real part of a zero to derive a window from.
     #[error(
-        "{what} = \"auto\" cannot be derived: the arm's slowest zero there decays at {rate_per_s:.3e} 1/s; give a number of seconds"
+        "{what} = \"auto\" cannot be derived: the arm's slowest zero there decays at {} 1/s; give a number of seconds",
+        near(*rate_per_s)
     )]
     NoWindow {
         /// Which window.
@@ -123,7 +128,9 @@ pub enum PlanError {
     },
     /// A planned quantity is not finite or absurdly large.
     #[error(
-        "the planned {what} reaches {value:.3e} at t = {t_s:.4} s: at most {limit:e} is accepted; a longer duration_s makes motion's share smaller, less force.normal_N and a stiffer link2 the share at rest"
+        "the planned {what} reaches {} at t = {t_s:.4} s: at most {} is accepted; a longer duration_s makes motion's share smaller, less force.normal_N and a stiffer link2 the share at rest",
+        near(*value),
+        near(*limit)
     )]
     Excessive {
         /// What is excessive.
@@ -137,7 +144,8 @@ pub enum PlanError {
     },
     /// The link has zeros that come in no pair of growth and decay.
     #[error(
-        "link 2 has {growing} growing and {decaying} decaying zeros, as many of each are accepted: link2.tip_inertia_kgm2 = {tip_inertia_kgm2} makes the tip swing freely against the plan; a smaller one or 0 is accepted"
+        "link 2 has {growing} growing and {decaying} decaying zeros, as many of each are accepted: link2.tip_inertia_kgm2 = {} makes the tip swing freely against the plan; a smaller one or 0 is accepted",
+        Short(*tip_inertia_kgm2)
     )]
     Unpaired {
         /// Number of zeros that grow.
@@ -546,7 +554,7 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
         return Err(refuse(
             "the whole motion",
             total,
-            format!("up to {TICKS_MAX:e}"),
+            format!("up to {} ({} s)", Short(TICKS_MAX), Short(TICKS_MAX / rate)),
         ));
     }
     let pre_ticks = whole(pre) as u32;

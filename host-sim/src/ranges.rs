@@ -23,6 +23,7 @@
 //! exact arithmetic with the same saturations, the same table and the same memory
 //! (filters, integral, previous torque); its derivation is in `docs/fixed-point.md`.
 
+use crate::message::{Short, near};
 use crate::plan::Plan;
 use shared::controller::{Coefficients, Mismatch};
 use shared::fixed_point::{Exponent, Fixed};
@@ -71,7 +72,10 @@ pub struct Analysis {
 pub enum RangeError {
     /// A signal's range is too large for its bits.
     #[error(
-        "fixed point cannot hold the signal '{signal}': its range of {range:.4} {unit} leaves torque {joint} uncertain by {error_nm:.2e} N m, up to {accepted_nm:.2e} is accepted; narrow the torque limits or lower the gains"
+        "fixed point cannot hold the signal '{signal}': its range of {} {unit} leaves torque {joint} uncertain by {} N m, up to {} is accepted; narrow the torque limits or lower the gains",
+        near(*range),
+        near(*error_nm),
+        near(*accepted_nm)
     )]
     Signal {
         /// The signal that contributes most.
@@ -89,7 +93,9 @@ pub enum RangeError {
     },
     /// A gain or length is rounded too much.
     #[error(
-        "{name} = {wanted} would be {is} in fixed point: it is too large or too small for the signals' ranges"
+        "{name} = {} would be {} in fixed point: it is too large or too small for the signals' ranges",
+        Short(*wanted),
+        near(*is)
     )]
     Coefficient {
         /// The key in the file.

@@ -6,6 +6,7 @@ use std::process::{Command, Output};
 
 const ARM: &str = include_str!("../../examples/arm.toml");
 const TASK: &str = include_str!("../../examples/task.toml");
+const CONTROLLER: &str = include_str!("../../examples/controller.toml");
 
 /// A folder of its own for a test, empty at its start.
 fn folder(test: &str) -> PathBuf {
@@ -147,6 +148,29 @@ fn a_run_takes_a_table_file_and_refuses_a_bad_one() {
     let mut changed = image.clone();
     changed[2000] ^= 4;
     refused_table("changed.bin", &changed, "checksum");
+    // A damaged header is named with what it says, and what is accepted.
+    let with = |at: usize, bytes: &[u8]| {
+        let mut changed = image.clone();
+        changed[at..at + bytes.len()].copy_from_slice(bytes);
+        changed
+    };
+    let pieces = "'pieces' is 65, 1 to 64 is accepted";
+    refused_table("pieces.bin", &with(6, &[65, 0]), pieces);
+    let piece = "'ticks of a piece' is 0, 1 to 16777216 is accepted";
+    refused_table("piece.bin", &with(48, &[0; 4]), piece);
+    let rows = "'rows' is 0, ";
+    refused_table("rows.bin", &with(24, &[0; 4]), rows);
+    // The table says what the plan's equations would.
+    let output = host_sim(&[
+        "run",
+        "--table",
+        &path("table.bin"),
+        "--model",
+        "as-printed",
+    ]);
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{message}");
+    assert!(message.contains("--table") && message.contains("--model"));
     refused(
         &["run", "--table", &path("none.bin"), "--out", &path("run")],
         2,
@@ -218,6 +242,24 @@ fn controllers_modes_starts_and_numbers_can_be_chosen() {
     let printed = rms(&[soft[0], soft[1], "--controller", &path("printed.toml")]);
     assert!(printed != rms(&soft));
     // The paper's equations are no plan for a fast motion.
+    // --mode goes before the file's feedforward, and nothing is ignored in silence.
+    let idle = path("idle.toml");
+    let file = CONTROLLER.replace("feedforward = true", "feedforward = false");
+    std::fs::write(&idle, file).unwrap();
+    let feedback = rms(&["--controller", &idle]);
+    assert_eq!(feedback, rms(&["--mode", "feedback"]));
+    let both = rms(&["--controller", &idle, "--mode", "proposed"]);
+    assert_eq!(both, rms(&[]));
+    refused(
+        &["run", "--controller", &idle, "--mode", "feedforward"],
+        2,
+        &["--controller", "--mode feedforward"],
+    );
+    refused(
+        &["demo", "--controller", &idle],
+        2,
+        &["feedforward = false", "demo"],
+    );
     let exact = rms(&["--mode", "feedforward"]);
     assert!(rms(&["--mode", "feedforward", "--model", "as-printed"]) > 10.0 * exact);
 }
@@ -278,6 +320,10 @@ fn every_field_of_both_files_is_guarded() {
                 if must_fail || code != Some(0) {
                     assert_eq!(code, Some(2), "{line}: {message}");
                     assert_eq!(message.trim_end().lines().count(), 1, "{line}: {message}");
+                    assert!(message.len() < 400, "{line}: {message}");
+                    for word in ["invalid type", "variant", "f64", "000000000"] {
+                        assert!(!message.contains(word), "{line}: {message}");
+                    }
                     assert!(
                         [&key, "line", "path", "duration"]
                             .iter()
@@ -328,7 +374,57 @@ fn paths_out_of_reach_and_drives_too_weak_are_named() {
     refused(
         &["plan", "--arm", &arm, "--out", &results],
         2,
-        &["joint 1", "10.96", "limits.torque_Nm[0] = 5"],
+        &["joint 1", "10.96", "t = 0.0", "limits.torque_Nm[0] = 5"],
+    );
+    // Drives that are strong enough but too slow are accepted with a warning.
+    let limits = "[limits]\ntorque_Nm = [33.0, 1.0]\ntorque_rate_Nm_s = [10.0, 600.0]\n";
+    std::fs::write(&arm, format!("{ARM}\n{limits}")).unwrap();
+    for command in ["plan", "run"] {
+        let output = host_sim(&[command, "--arm", &arm, "--out", &results]);
+        let message = text(&output.stderr);
+        assert!(output.status.success(), "{message}");
+        assert_eq!(message.lines().count(), 1, "{message}");
+        for word in [
+            "warning: limits.torque_rate_Nm_s[0] = 10",
+            "16.99 N m/s",
+            "t = 1.08",
+        ] {
+            assert!(message.contains(word), "{message}");
+        }
+    }
+    // More than a plan may hold.
+    std::fs::write(
+        &task,
+        TASK.replace("duration_s = 2.0", "duration_s = 201.0"),
+    )
+    .unwrap();
+    refused(
+        &["plan", "--task", &task, "--out", &results],
+        2,
+        &["201 s", "up to 1e6 (200 s)"],
+    );
+}
+
+#[test]
+fn demo_says_what_its_fast_case_needs() {
+    let out = folder("demo_fast");
+    let task = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/task_fast.toml");
+    refused(
+        &["demo", "--task", task, "--out", out.to_str().unwrap()],
+        2,
+        &["fast case", "a fifth of its duration_s", "`host-sim run`"],
+    );
+}
+
+#[test]
+fn files_without_end_are_refused() {
+    let out = folder("endless");
+    let long = out.join("long.toml");
+    std::fs::write(&long, " ".repeat((1 << 20) + 1)).unwrap();
+    refused(
+        &["plan", "--arm", long.to_str().unwrap()],
+        2,
+        &["long.toml", "more than 1048576 bytes"],
     );
 }
 
@@ -338,7 +434,7 @@ fn usage_and_output_errors_have_their_codes() {
     let file = out.join("a_file");
     std::fs::write(&file, "x").unwrap();
     let inside = file.join("results");
-    for command in ["plan", "run", "demo", "pil"] {
+    for command in ["plan", "run", "demo", "gains", "pil"] {
         refused(
             &[command, "--out", inside.to_str().unwrap()],
             1,
@@ -356,13 +452,16 @@ fn usage_and_output_errors_have_their_codes() {
         &["run", "--mode", "best"],
         &["run", "--tick-rate-hz", "0"],
         &["run", "--tick-rate-hz", "fast"],
+        &["gains", "--points", "1001"],
+        &["gains", "tune", "--particles", "1001"],
+        &["gains", "--at", "1", "tune"],
     ] {
         assert_eq!(host_sim(arguments).status.code(), Some(2), "{arguments:?}");
     }
     refused(
         &["run", "--plant-elements", "99"],
         2,
-        &["elements = 99", "1 to 16"],
+        &["--plant-elements 99", "1 to 16"],
     );
     let out = out.to_str().unwrap();
     refused(
@@ -371,9 +470,14 @@ fn usage_and_output_errors_have_their_codes() {
         &["/nowhere/firmware", "`cargo xtask firmware` builds it"],
     );
     refused(
+        &["plan", "--out", file.to_str().unwrap()],
+        1,
+        &["a_file", "cannot be written", "not a directory"],
+    );
+    refused(
         &["run", "--bending-stiffness-scale", "nan"],
         2,
-        &["bending_stiffness_scale = NaN"],
+        &["--bending-stiffness-scale NaN", "0.01 to 100"],
     );
     for arguments in [
         &["--help"][..],
@@ -527,7 +631,7 @@ fn gains_that_cannot_be_are_refused_by_name() {
             "K_w_Nms_rad = nan",
             "K_w_Nms_rad = NaN",
         ),
-        ("K_PF = 0.0", "K_PF = 1e12", "K_PF = 1000000000000"),
+        ("K_PF = 0.0", "K_PF = 1e12", "K_PF = 1e12"),
         ("K_DF_s = 0.0", "K_DF_s = inf", "K_DF_s = inf"),
     ] {
         let bad = out.join("bad.toml");
@@ -548,6 +652,11 @@ fn gains_that_cannot_be_are_refused_by_name() {
         &["gains", "--at", "2.5", "--out", path],
         2,
         &["--at 2.5", "0 to 2 s"],
+    );
+    refused(
+        &["gains", "--map", "K_IF", "K_IF", "--out", path],
+        2,
+        &["--map K_IF K_IF", "two different gains"],
     );
     refused(
         &["gains", "tune", "--gain-margin-dB", "-1", "--out", path],
@@ -655,5 +764,5 @@ fn a_run_in_fixed_point_counts_saturations_and_refuses_what_does_not_fit() {
     ]);
     assert_eq!(refused.status.code(), Some(2));
     let message = String::from_utf8(refused.stderr).unwrap();
-    assert!(message.contains("K_IF_per_s = 0.000001"), "{message}");
+    assert!(message.contains("K_IF_per_s = 1e-6"), "{message}");
 }

@@ -147,10 +147,14 @@ pub enum TableError {
         /// Checksum of the bytes.
         computed: u32,
     },
-    /// A header field has a value that no writer produces.
+    /// A field of the header, or of a piece, has a value that no writer produces.
     Field {
         /// Name of the field.
         name: &'static str,
+        /// Its value.
+        found: i64,
+        /// The least and the largest that are accepted.
+        accepted: [i64; 2],
     },
     /// Planned for another arm.
     Fingerprint {
@@ -184,7 +188,17 @@ impl fmt::Display for TableError {
                 f,
                 "table checksum is {stored:#010x}, its bytes give {computed:#010x}: corrupted"
             ),
-            Self::Field { name } => write!(f, "table header field '{name}' is out of range"),
+            Self::Field {
+                name,
+                found,
+                accepted: [least, most],
+            } => {
+                write!(f, "table field '{name}' is {found}, {least} ")?;
+                if most > least {
+                    write!(f, "to {most} ")?;
+                }
+                f.write_str("is accepted: corrupted or not a table")
+            }
             Self::Fingerprint { expected, found } => write!(
                 f,
                 "table was planned for arm {found:#010x}, this arm is {expected:#010x}: plan it again"
@@ -241,8 +255,25 @@ impl Piece {
     }
 
     /// Ticks must count exactly in f32, and a knot is at least a tick long.
-    fn is_valid(&self) -> bool {
-        (1..=1 << 24).contains(&self.ticks) && (1..=self.ticks).contains(&self.segments)
+    fn check(&self) -> Result<(), TableError> {
+        within("ticks of a piece", self.ticks, [1, 1 << 24])?;
+        let ticks = i64::from(self.ticks);
+        within("segments of a piece", self.segments, [1, ticks])
+    }
+}
+
+/// Refuses a field outside the least and the largest that are `accepted`.
+fn within(name: &'static str, found: impl Into<i64>, accepted: [i64; 2]) -> Result<(), TableError> {
+    let found = found.into();
+    let [least, most] = accepted;
+    if (least..=most).contains(&found) {
+        Ok(())
+    } else {
+        Err(TableError::Field {
+            name,
+            found,
+            accepted,
+        })
     }
 }
 
@@ -267,6 +298,8 @@ pub fn scaling_for(magnitude: f64) -> i8 {
 pub struct TableWriter<'b> {
     buffer: &'b mut [u8],
     scaling: [i8; COLUMNS],
+    /// Rows that belong to the pieces.
+    rows: u32,
     next: usize,
 }
 
@@ -314,6 +347,7 @@ impl<'b> TableWriter<'b> {
         Ok(Self {
             buffer,
             scaling: header.scaling,
+            rows,
             next,
         })
     }
@@ -324,10 +358,11 @@ impl<'b> TableWriter<'b> {
     /// # Errors
     /// [`TableError::Field`] "rows" when the table is full already.
     pub fn row(&mut self, knots: &Reference<f64>) -> Result<(), TableError> {
+        let error = self.wrong_rows(1);
         let row = self
             .buffer
             .get_mut(self.next..self.next + ROW_BYTES)
-            .ok_or(TableError::Field { name: "rows" })?;
+            .ok_or(error)?;
         let columns = knots.columns().into_iter().zip(self.scaling);
         for (bytes, (value, scaling)) in row.chunks_exact_mut(4).zip(columns) {
             let scaled = value * libm::ldexp(1.0, i32::from(scaling));
@@ -339,13 +374,24 @@ impl<'b> TableWriter<'b> {
         Ok(())
     }
 
+    /// The error for `more` rows than have been written.
+    fn wrong_rows(&self, more: i64) -> TableError {
+        let missing = (self.buffer.len() - self.next) / ROW_BYTES;
+        let rows = i64::from(self.rows);
+        TableError::Field {
+            name: "rows",
+            found: rows - missing as i64 + more,
+            accepted: [rows; 2],
+        }
+    }
+
     /// Completes the table with its checksum.
     ///
     /// # Errors
     /// [`TableError::Field`] "rows" when rows are missing.
     pub fn finish(self) -> Result<(), TableError> {
         if self.next != self.buffer.len() {
-            return Err(TableError::Field { name: "rows" });
+            return Err(self.wrong_rows(0));
         }
         let crc = checksum(self.buffer);
         self.buffer[CRC_OFFSET..HEADER_BYTES].copy_from_slice(&crc.to_le_bytes());
@@ -408,39 +454,39 @@ impl<'a> Layout<'a> {
         let rest = &image[HEADER_BYTES..];
         let (pieces, rows) = rest
             .split_at_checked(count * PIECE_BYTES)
-            .ok_or(TableError::Field { name: "pieces" })?;
+            .ok_or_else(|| length(HEADER_BYTES + count * PIECE_BYTES))?;
         let (pieces, _) = pieces.as_chunks();
         let (rows, odd) = rows.as_chunks();
-        let mut total_ticks = 0_u64;
-        let mut total_rows = 0_u64;
-        let mut valid = (1..=PIECES_MAX).contains(&count);
+        within("tick rate", header.tick_rate_hz, [1, i64::from(u32::MAX)])?;
+        within("ticks", header.ticks, [1, i64::from(i32::MAX)])?;
+        within("first tick", header.first_tick, [i64::from(i32::MIN), 0])?;
+        within("columns", word(28), [COLUMNS as i64; 2])?;
+        within("pieces", half(6), [1, PIECES_MAX as i64])?;
+        let mut total_ticks = 0_i64;
+        let mut total_rows = 0_i64;
         for piece in pieces.iter().map(Piece::decode) {
-            valid &= piece.is_valid();
-            total_ticks += u64::from(piece.ticks);
-            total_rows += u64::from(piece.rows());
+            piece.check()?;
+            total_ticks += i64::from(piece.ticks);
+            total_rows += i64::from(piece.rows());
         }
-        let checks = [
-            ("tick rate", header.tick_rate_hz > 0),
-            ("ticks", header.ticks > 0 && header.ticks <= i32::MAX as u32),
-            ("first tick", header.first_tick <= 0),
-            ("columns", word(28) as usize == COLUMNS),
-            ("pieces", valid && total_ticks == u64::from(header.ticks)),
-            (
-                "rows",
-                odd.is_empty()
-                    && total_rows == rows.len() as u64
-                    && total_rows == u64::from(word(24)),
-            ),
-        ];
-        match checks.iter().find(|(_, good)| !good) {
-            Some((name, _)) => Err(TableError::Field { name }),
-            None => Ok(Self {
-                header,
-                crc: word(CRC_OFFSET),
-                pieces,
-                rows,
-            }),
+        within(
+            "ticks of all pieces",
+            total_ticks,
+            [i64::from(header.ticks); 2],
+        )?;
+        within("rows", word(24), [total_rows; 2])?;
+        if !odd.is_empty() || rows.len() as i64 != total_rows {
+            let bytes = (total_rows as usize).saturating_mul(ROW_BYTES);
+            return Err(length(
+                bytes.saturating_add(HEADER_BYTES + count * PIECE_BYTES),
+            ));
         }
+        Ok(Self {
+            header,
+            crc: word(CRC_OFFSET),
+            pieces,
+            rows,
+        })
     }
 }
 
@@ -865,12 +911,22 @@ mod tests {
             ..header()
         };
         let error = TableWriter::new(&mut buffer, &wrong, &PIECES).unwrap_err();
-        assert_eq!(error, TableError::Field { name: "pieces" });
+        let expected = TableError::Field {
+            name: "ticks of all pieces",
+            found: 38,
+            accepted: [39, 39],
+        };
+        assert_eq!(error, expected);
         let mut pieces = PIECES;
         pieces[2].segments = 0;
         pieces[1].segments = 4;
         let error = TableWriter::new(&mut buffer, &header(), &pieces).unwrap_err();
-        assert_eq!(error, TableError::Field { name: "pieces" });
+        let expected = TableError::Field {
+            name: "segments of a piece",
+            found: 0,
+            accepted: [1, 7],
+        };
+        assert_eq!(error, expected);
     }
 
     #[test]

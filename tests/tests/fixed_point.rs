@@ -63,7 +63,8 @@ fn bound(analysis: &Analysis, law: &LawParameters, plan: &Plan) -> f64 {
 #[test]
 fn the_papers_task_is_within_the_bars_in_closed_loop() {
     let paper = &*PAPER;
-    let [single, fixed] = measure(&paper.plan, &paper.image, &options(&paper.plan)).unwrap();
+    let [single, fixed] =
+        measure(&paper.plan, &paper.image, &options(&paper.plan), &|| ()).unwrap();
     for (a, factor) in [(&single, 100.0), (&fixed, 1.0)] {
         assert_eq!(a.closed_loop.ticks, paper.plan.points.len());
         assert!(a.closed_loop.rms_nm <= 2e-4 / factor, "{a:?}");
@@ -80,7 +81,7 @@ fn the_papers_task_is_within_the_bars_in_closed_loop() {
 fn random_and_adversarial_inputs_stay_within_the_stated_bound() {
     let paper = &*PAPER;
     let options = options(&paper.plan);
-    let [_, fixed] = measure(&paper.plan, &paper.image, &options).unwrap();
+    let [_, fixed] = measure(&paper.plan, &paper.image, &options, &|| ()).unwrap();
     assert_eq!(fixed.random.ticks, 100_000);
     let allowed = bound(&paper.analysis, &options.law, &paper.plan);
     assert!(fixed.random.max_nm <= allowed, "{:?}", fixed.random);
@@ -129,7 +130,7 @@ fn a_faster_task_and_another_rate_fit_too() {
     let arm = paper_arm();
     let (plan, table) = planned(&arm, &fast_task(0.3));
     let options = options(&plan);
-    let [_, fixed] = measure(&plan, &table.image, &options).unwrap();
+    let [_, fixed] = measure(&plan, &table.image, &options, &|| ()).unwrap();
     assert!(fixed.closed_loop.max_nm <= 1e-3 && fixed.force_difference_max_n <= 2e-3);
 }
 

@@ -365,8 +365,15 @@ fn the_printed_s2_makes_the_integrator_unstable_at_the_paths_end() {
                 force_projection: projection,
                 ..LawParameters::FEEDFORWARD
             };
-            let report =
-                Report::new(&plan, &planned_plant(&plan), &Spread::none(), &law, 50).unwrap();
+            let report = Report::new(
+                &plan,
+                &planned_plant(&plan),
+                &Spread::none(),
+                &law,
+                50,
+                &|| (),
+            )
+            .unwrap();
             let summary = report.nominal;
             assert_eq!(
                 summary.stable, stable,
@@ -400,7 +407,7 @@ fn spread() -> Spread {
 fn the_default_gains_keep_their_margins_over_path_and_spread() {
     let plan = paper_plan(5000);
     let law = default_law();
-    let report = Report::new(&plan, &planned_plant(&plan), &spread(), &law, 50).unwrap();
+    let report = Report::new(&plan, &planned_plant(&plan), &spread(), &law, 50, &|| ()).unwrap();
     assert_eq!((report.points.len(), report.spread.len()), (50, 27));
     for summary in report.spread.iter().chain([&report.nominal]) {
         assert!(summary.stable, "{summary:?}");
@@ -488,7 +495,7 @@ fn tuning_is_repeatable_and_keeps_its_margins() {
         particles: 8,
         iterations: 6,
     };
-    let [a, b] = [0, 1].map(|_| tune(&plan, &options, &|_| {}).unwrap());
+    let [a, b] = [0, 1].map(|_| tune(&plan, &options, &|| ()).unwrap());
     assert_eq!((a.law, a.cost), (b.law, b.cost));
     assert_eq!(a.tried, 8 * 7);
     assert!(a.cost < 0.9, "{}", a.cost);
@@ -556,7 +563,14 @@ fn gains_that_no_controller_has_are_refused_by_name() {
         (Gain::ForceDerivative, f64::INFINITY),
     ] {
         let law = gain.set(&default_law(), value);
-        let result = Report::new(&plan, &planned_plant(&plan), &Spread::none(), &law, 50);
+        let result = Report::new(
+            &plan,
+            &planned_plant(&plan),
+            &Spread::none(),
+            &law,
+            50,
+            &|| (),
+        );
         match result {
             Err(StabilityError::Gain { name, .. }) => assert_eq!(name, gain.key()),
             other => panic!("{other:?}"),

@@ -76,6 +76,11 @@ pub enum AccuracyError {
 /// Random measurements of the second trial.
 pub const RANDOM_TICKS: usize = 100_000;
 
+/// Ticks of the closed loop that [`measure`] runs: the bulk of its work.
+pub fn effort(plan: &Plan) -> u64 {
+    3 * plan.points.len() as u64
+}
+
 /// A run in fixed point: the run, and what saturated.
 ///
 /// # Errors
@@ -103,7 +108,8 @@ pub fn run_fixed(
     Ok((run, *controller.saturations()))
 }
 
-/// Accuracy of f32 and of fixed point.
+/// Accuracy of f32 and of fixed point. `progress` is called [`effort`] times, less often
+/// where a run breaks off.
 ///
 /// # Errors
 /// [`AccuracyError`].
@@ -111,10 +117,11 @@ pub fn measure(
     plan: &Plan,
     image: &[u8],
     options: &RunOptions,
+    progress: &dyn Fn(),
 ) -> Result<[Accuracy; 2], AccuracyError> {
-    let reference = closed_loop::run::<f64>(plan, image, options)?;
-    let single = closed_loop::run::<f32>(plan, image, options)?;
-    let (fixed, saturations) = run_fixed(plan, image, options, |_, _| {})?;
+    let reference = closed_loop::run_with::<f64>(plan, image, options, |_, _| progress())?;
+    let single = closed_loop::run_with::<f32>(plan, image, options, |_, _| progress())?;
+    let (fixed, saturations) = run_fixed(plan, image, options, |_, _| progress())?;
     let (law, limits) = (&options.law, &options.limits);
     let analysis = ranges::analyse(plan, image, law, limits)?;
     let hostile = hostile_law(law, plan.tick_rate_hz);

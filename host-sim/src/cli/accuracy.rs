@@ -1,9 +1,12 @@
 //! The command `accuracy`.
 
-use super::{CliError, Common, Output, controller, export, json, print, print_facts, report};
+use super::{
+    CliError, Common, Output, controller, export, json, print, print_facts, progress_bar, report,
+};
 use crate::accuracy::{self, Accuracy, Errors};
 use crate::cases;
 use crate::closed_loop::RunOptions;
+use crate::message::near;
 use crate::plant::Start;
 use crate::ranges::{self, Analysis};
 use clap::Args;
@@ -37,7 +40,9 @@ pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
     };
     let (plan, image) = (&planned.plan, &planned.table.image);
     let analysis = ranges::analyse(plan, image, &law, &planned.limits)?;
-    let accuracies = accuracy::measure(plan, image, &options)?;
+    let progress = progress_bar(accuracy::effort(plan), "ticks, {eta} left");
+    let accuracies = accuracy::measure(plan, image, &options, &|| progress.inc(1))?;
+    progress.finish_and_clear();
 
     let mut summary: Map<String, Value> = accuracies
         .iter()
@@ -147,7 +152,7 @@ pub(super) fn format_facts(analysis: &Analysis) -> Vec<(String, String)> {
                 format!(
                     "up to {:.4} {unit}; format to {} {unit} in steps of {:.1e}",
                     s.admissible,
-                    s.exponent.range(),
+                    near(s.exponent.range()),
                     s.exponent.unit(),
                     unit = s.unit
                 ),

@@ -1,13 +1,15 @@
 //! `host-sim gains`: are these gains stable over the whole motion, and with what margin;
 //! `host-sim gains tune`: find good ones.
 
-use super::{
-    CliError, Common, Output, Planned, cases, config, controller, export, print, print_facts,
-    report,
-};
-use crate::config::ArmConfig;
+use super::plan::Planned;
+use super::{CliError, Common, Output, controller, print, print_facts, progress_bar};
+use crate::cases;
+use crate::config::{self, ArmConfig};
+use crate::export;
+use crate::message::Short;
 use crate::plan::Plan;
 use crate::plant::PlantParameters;
+use crate::report;
 use crate::stability::StabilityError;
 use crate::stability::advice::{advice, warning};
 use crate::stability::linear::{Linear, OperatingPoint, Variant};
@@ -16,7 +18,6 @@ use crate::stability::path::{self, Report, Spread, Summary};
 use crate::stability::printed::Printed;
 use crate::stability::tune::{self, TuneOptions};
 use clap::{Args, Subcommand, ValueEnum};
-use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::Complex;
 use serde_json::{Map, Value, json};
 use shared::law::{ForceProjection, LawParameters, SlopeRateFeedback};
@@ -39,7 +40,7 @@ enum GainsCommand {
     /// Finds the gains and filters with the least predicted force error over a spread of
     /// plants, subject to margins, and writes controller.toml.
     #[command(
-        after_help = "Example: host-sim gains tune --task examples/task_fast.toml --out out/gains\n\nThe same seed finds the same gains."
+        after_help = "Example: host-sim gains tune --task examples/task_fast.toml --out out/gains\n\nThe same seed finds the same gains. Of the controller file only its options count: force_projection, slope_rate_feedback and feedforward."
     )]
     Tune(TuneArgs),
 }
@@ -60,7 +61,7 @@ struct PlantArgs {
     spread: Option<PathBuf>,
     /// Points of the path at which the loop is frozen
     #[arg(long, value_name = "N", default_value_t = path::DEFAULT_POINTS as u32,
-          value_parser = clap::value_parser!(u32).range(2..=10_000))]
+          value_parser = clap::value_parser!(u32).range(2..=1000))]
     points: u32,
 }
 
@@ -114,11 +115,11 @@ struct TuneArgs {
     seed: u64,
     /// Particles of the swarm
     #[arg(long, value_name = "N", default_value_t = 30,
-          value_parser = clap::value_parser!(u32).range(2..=10_000))]
+          value_parser = clap::value_parser!(u32).range(2..=1000))]
     particles: u32,
     /// Steps of each particle
     #[arg(long, value_name = "N", default_value_t = 50,
-          value_parser = clap::value_parser!(u32).range(1..=100_000))]
+          value_parser = clap::value_parser!(u32).range(1..=10_000))]
     iterations: u32,
     /// Folder for the results; made if it is not there
     #[arg(long, value_name = "DIR", default_value = "out/gains")]
@@ -131,7 +132,7 @@ enum LinearisationArg {
     AsPrinted,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
 enum GainArg {
     #[value(name = "K_DF")]
     KDf,
@@ -327,12 +328,15 @@ fn write_page(
 
 /// Gains as facts.
 fn law_facts(law: &LawParameters) -> Vec<(String, String)> {
-    let corner = |hz: Option<f64>| hz.map_or("none".to_string(), |hz| format!("{hz} Hz"));
+    let corner = |hz: Option<f64>| hz.map_or("none".to_string(), |hz| format!("{} Hz", Short(hz)));
     [
-        ("K_DF", format!("{} s", law.force_derivative_s)),
-        ("K_PF", law.force_proportional.to_string()),
-        ("K_IF", format!("{} 1/s", law.force_integral_per_s)),
-        ("K_w", format!("{} N m s/rad", law.slope_rate_nms_rad)),
+        ("K_DF", format!("{} s", Short(law.force_derivative_s))),
+        ("K_PF", Short(law.force_proportional).to_string()),
+        ("K_IF", format!("{} 1/s", Short(law.force_integral_per_s))),
+        (
+            "K_w",
+            format!("{} N m s/rad", Short(law.slope_rate_nms_rad)),
+        ),
         ("force filter", corner(law.force_filter_hz)),
         ("slope rate filter", corner(law.slope_rate_filter_hz)),
     ]
@@ -389,6 +393,14 @@ fn report_facts(report: &Report, tick_rate_hz: u32) -> Vec<(String, String)> {
 }
 
 fn examine(args: &ExamineArgs) -> Result<(), CliError> {
+    if let [first, second] = args.map[..]
+        && first == second
+    {
+        let name = first.to_possible_value();
+        return Err(CliError::Map {
+            gain: name.map_or(String::new(), |name| name.get_name().into()),
+        });
+    }
     let setting = args.plants.setting()?;
     let plan = &setting.planned.plan;
     let law = &setting.law;
@@ -401,13 +413,17 @@ fn examine(args: &ExamineArgs) -> Result<(), CliError> {
         });
     }
     let since = Instant::now();
-    let report = Report::new(
-        plan,
-        &setting.plant,
-        &setting.spread,
-        law,
-        args.plants.points as usize,
-    )?;
+    // Before the work: a folder that cannot be made should not cost minutes.
+    let output = Output::new(&args.out)?;
+    let points = args.plants.points as usize;
+    let progress = progress_bar(
+        Report::effort(&setting.spread, points),
+        "points of all plants, {eta} left",
+    );
+    let report = Report::new(plan, &setting.plant, &setting.spread, law, points, &|| {
+        progress.inc(1);
+    })?;
+    progress.finish_and_clear();
     let wall_ms = since.elapsed().as_secs_f64() * 1e3;
     let warnings = warnings(&setting, law, &report)?;
 
@@ -422,7 +438,6 @@ fn examine(args: &ExamineArgs) -> Result<(), CliError> {
     let mut facts = law_facts(law);
     facts.extend(report_facts(&report, plan.tick_rate_hz));
     facts.push(("examined in".into(), format!("{wall_ms:.0} ms")));
-    let output = Output::new(&args.out)?;
     let map_of = [args.map[0].gain(), args.map[1].gain()];
     write_page(&setting, law, &report, map_of, &warnings, &facts, &output)?;
 
@@ -582,13 +597,10 @@ fn tune_command(args: &TuneArgs) -> Result<(), CliError> {
         particles: args.particles as usize,
         iterations: u64::from(args.iterations),
     };
+    let output = Output::new(&args.out)?;
     let since = Instant::now();
-    let progress = ProgressBar::new(tune::effort(&options));
-    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} laws tried, {eta} to go")
-    {
-        progress.set_style(style);
-    }
-    let tuned = tune::tune(plan, &options, &|tried| progress.set_position(tried));
+    let progress = progress_bar(tune::effort(&options), "laws and points tried, {eta} left");
+    let tuned = tune::tune(plan, &options, &|| progress.inc(1));
     progress.finish_and_clear();
     let tuned = tuned?;
     let wall_ms = since.elapsed().as_secs_f64() * 1e3;
@@ -625,7 +637,6 @@ fn tune_command(args: &TuneArgs) -> Result<(), CliError> {
             args.seed
         ),
     ));
-    let output = Output::new(&args.out)?;
     let how = [
         format!(
             "Arm with {} elements, {} Hz, seed {}, {} particles, {} steps; predicted force error",

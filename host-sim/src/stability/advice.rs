@@ -4,6 +4,7 @@ use super::StabilityError;
 use super::linear::Variant;
 use super::path::{self, Spot, Summary};
 use super::sampled::with_gains_times;
+use crate::message::near;
 use crate::plan::Plan;
 use rayon::prelude::*;
 use shared::law::{ForceProjection, LawParameters};
@@ -55,9 +56,7 @@ fn down(value: f64) -> String {
         return "0".into();
     }
     let unit = 10f64.powf(value.log10().floor() - 1.0);
-    let rounded = (value / unit + 1e-9).floor() * unit;
-    let decimals = (-unit.log10()).round().max(0.0) as usize;
-    format!("{rounded:.decimals$}")
+    near((value / unit + 1e-9).floor() * unit).to_string()
 }
 
 /// What to say about a loop whose `summary` is that of `variant` at `times`, s: nothing,

@@ -24,6 +24,7 @@ pub mod printed;
 pub mod sampled;
 pub mod tune;
 
+use crate::message::Short;
 use crate::model::ModelError;
 use nalgebra::linalg::balancing::balance_parlett_reinsch;
 use nalgebra::{Complex, DMatrix, Schur};
@@ -34,7 +35,7 @@ use shared::law::LawParameters;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum StabilityError {
     /// A gain or corner that no controller can have.
-    #[error("{name} = {value}; accepted: {accepted}")]
+    #[error("{name} = {}; accepted: {accepted}", Short(*value))]
     Gain {
         /// The parameter.
         name: &'static str,
@@ -73,7 +74,9 @@ pub enum StabilityError {
     NoPoints,
     /// No gains satisfy the margins.
     #[error(
-        "no gains were found that keep every plant of the spread stable with a gain margin of {gain_margin_db} dB and a delay margin of {delay_margin_ticks} ticks: the worst is {worst}; a higher control rate, a smaller spread or more root inertia makes it easier"
+        "no gains were found that keep every plant of the spread stable with a gain margin of {} dB and a delay margin of {} ticks: the worst is {worst}; a higher control rate, a smaller spread or more root inertia makes it easier",
+        Short(*gain_margin_db),
+        Short(*delay_margin_ticks)
     )]
     NotTuned {
         /// Gain margin asked for, dB.
@@ -105,7 +108,7 @@ pub fn check(law: &LawParameters) -> Result<(), StabilityError> {
             "K_IF_per_s",
             law.force_integral_per_s,
             1e6,
-            "a gain in 1/s from 0 to 1000000",
+            "a gain in 1/s from 0 to 1e6",
         ),
         (
             "K_w_Nms_rad",
@@ -131,7 +134,7 @@ pub fn check(law: &LawParameters) -> Result<(), StabilityError> {
         if let Some(value) = value
             && !(value > 0.0 && value <= 1e6)
         {
-            let accepted = "a frequency in Hz above 0 up to 1000000";
+            let accepted = "a frequency in Hz above 0 up to 1e6";
             return Err(StabilityError::Gain {
                 name,
                 value,

@@ -4,6 +4,7 @@
 use super::StabilityError;
 use super::linear::{Linear, OperatingPoint, Variant};
 use super::sampled::{LinearLaw, Sampled, with_gains_times};
+use crate::message::Short;
 use crate::plan::Plan;
 use crate::plant::PlantParameters;
 use nalgebra::Complex;
@@ -264,6 +265,19 @@ impl Spread {
         }
     }
 
+    /// Number of combinations.
+    pub fn plants(&self) -> usize {
+        let lists = [
+            self.bending_stiffness_scale.len(),
+            self.link2_mass_scale.len(),
+            self.added_root_inertia_kgm2.len(),
+            self.contact_angle_rad.len(),
+            self.tick_rate_hz.len().max(1),
+            self.elements.len().max(1),
+        ];
+        lists.into_iter().fold(1, usize::saturating_mul)
+    }
+
     /// Every combination around `plant`, with a name.
     ///
     /// # Errors
@@ -305,10 +319,13 @@ impl Spread {
                             let variant = Variant::new(plan, &parameters, angle)?;
                             for &rate in &rates {
                                 let mut name = format!(
-                                    "stiffness x {stiffness}, mass x {mass}, root + {inertia:e} kg m2"
+                                    "stiffness x {}, mass x {}, root + {} kg m2",
+                                    Short(stiffness),
+                                    Short(mass),
+                                    Short(inertia)
                                 );
                                 if self.contact_angle_rad.len() > 1 {
-                                    name += &format!(", contact turned by {angle} rad");
+                                    name += &format!(", contact turned by {} rad", Short(angle));
                                 }
                                 if meshes.len() > 1 {
                                     name += &format!(", {elements} elements");
@@ -459,7 +476,8 @@ pub fn describe(pole: Complex<f64>, spot: &Spot) -> String {
     }
 }
 
-/// Examines `variant` at `times` with the gains of `law`, with margins at every point.
+/// Examines `variant` at `times` with the gains of `law`, with margins at every point;
+/// `progress` is called after each.
 ///
 /// # Errors
 /// [`StabilityError`].
@@ -469,15 +487,21 @@ pub fn examine(
     variant: &Variant,
     law: &LawParameters,
     times: &[f64],
+    progress: &(dyn Fn() + Sync),
 ) -> Result<(Summary, Vec<PathPoint>), StabilityError> {
     let spots = spots(plan, variant, times)?;
     let points: Vec<PathPoint> = spots
         .par_iter()
-        .map(|spot| PathPoint {
-            t: spot.t,
-            verdict: spot.verdict(plan, law, 0.0),
-            gain_margin_db: spot.gain_margin_db(plan, law, GAIN_STEPS_DB[0], GAIN_MARGIN_MAX_DB),
-            delay_margin_ticks: spot.delay_margin_ticks(plan, law, DELAY_MARGIN_MAX_TICKS),
+        .map(|spot| {
+            let step = GAIN_STEPS_DB[0];
+            let point = PathPoint {
+                t: spot.t,
+                verdict: spot.verdict(plan, law, 0.0),
+                gain_margin_db: spot.gain_margin_db(plan, law, step, GAIN_MARGIN_MAX_DB),
+                delay_margin_ticks: spot.delay_margin_ticks(plan, law, DELAY_MARGIN_MAX_TICKS),
+            };
+            progress();
+            point
         })
         .collect();
     let summary = Summary::new(name, &spots, &points).ok_or(StabilityError::NoPoints)?;
@@ -496,6 +520,7 @@ pub fn examine_least(
     variant: &Variant,
     law: &LawParameters,
     times: &[f64],
+    progress: &(dyn Fn() + Sync),
 ) -> Result<Summary, StabilityError> {
     let spots = spots(plan, variant, times)?;
     let (mut gain, mut delay) = (GAIN_MARGIN_MAX_DB, DELAY_MARGIN_MAX_TICKS);
@@ -513,6 +538,7 @@ pub fn examine_least(
             if !holds {
                 delay = spot.delay_margin_ticks(plan, law, delay);
             }
+            progress();
             PathPoint {
                 t: spot.t,
                 verdict,
@@ -561,6 +587,7 @@ pub struct Report {
 
 impl Report {
     /// Examines `plant` and the `spread` around it at `points` points of `plan`'s time.
+    /// `progress` is called [`Report::effort`] times.
     ///
     /// # Errors
     /// [`StabilityError`].
@@ -570,21 +597,27 @@ impl Report {
         spread: &Spread,
         law: &LawParameters,
         points: usize,
+        progress: &(dyn Fn() + Sync),
     ) -> Result<Self, StabilityError> {
         super::check(law)?;
         let times = times(plan, points);
         let variant = Variant::new(plan, plant, 0.0)?;
-        let (nominal, points) = examine(plan, "as planned", &variant, law, &times)?;
+        let (nominal, points) = examine(plan, "as planned", &variant, law, &times, progress)?;
         let spread = spread
             .variants(plan, plant)?
             .par_iter()
-            .map(|(name, variant)| examine_least(plan, name, variant, law, &times))
+            .map(|(name, variant)| examine_least(plan, name, variant, law, &times, progress))
             .collect::<Result<_, _>>()?;
         Ok(Self {
             nominal,
             points,
             spread,
         })
+    }
+
+    /// Points that [`Report::new`] examines, over all plants.
+    pub fn effort(spread: &Spread, points: usize) -> u64 {
+        (spread.plants() as u64 + 1) * points.max(2) as u64
     }
 
     /// The plant, of all examined, with the largest spectral radius.

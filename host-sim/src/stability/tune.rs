@@ -320,7 +320,7 @@ struct Search<'a> {
     bounds: Bounds,
     predictions: Vec<Prediction>,
     conditions: Vec<Condition>,
-    progress: &'a (dyn Fn(u64) + Sync),
+    progress: &'a (dyn Fn() + Sync),
     tried: std::sync::atomic::AtomicU64,
 }
 
@@ -457,11 +457,9 @@ impl CostFunction for Search<'_> {
     fn cost(&self, place: &Self::Param) -> Result<f64, argmin::core::Error> {
         let law = self.bounds.law(&self.options.law, place);
         let cost = Search::cost(self, &law);
-        let tried = self
-            .tried
-            .fetch_add(1, std::sync::atomic::Ordering::Relaxed)
-            + 1;
-        (self.progress)(tried);
+        self.tried
+            .fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        (self.progress)();
         Ok(cost)
     }
 }
@@ -476,19 +474,20 @@ fn ends<T: Copy + PartialEq>(values: &[T]) -> Vec<T> {
     }
 }
 
-/// Laws that [`tune`] tries.
+/// Laws that [`tune`] tries, and points that it examines the best with.
 pub fn effort(options: &TuneOptions) -> u64 {
     options.particles as u64 * (options.iterations + 1)
+        + Report::effort(&options.spread, options.points)
 }
 
-/// Finds gains for `plan`; `progress` is told how many laws have been tried.
+/// Finds gains for `plan`; `progress` is called [`effort`] times.
 ///
 /// # Errors
 /// [`StabilityError::NotTuned`] if none were found, and what examining plants gives.
 pub fn tune(
     plan: &Plan,
     options: &TuneOptions,
-    progress: &(dyn Fn(u64) + Sync),
+    progress: &(dyn Fn() + Sync),
 ) -> Result<Tuned, StabilityError> {
     // A hair more than asked for, as the conditions are tried at fewer points.
     let gain = 10f64.powf((options.gain_margin_db + 0.1) / 20.0);
@@ -575,7 +574,14 @@ pub fn tune(
         .take_best_individual()
         .ok_or_else(|| StabilityError::Optimiser("has no result".into()))?;
     let law = search.simplified(search.bounds.law(&options.law, &best.position));
-    let report = Report::new(plan, &options.plant, spread, &law, options.points)?;
+    let report = Report::new(
+        plan,
+        &options.plant,
+        spread,
+        &law,
+        options.points,
+        search.progress,
+    )?;
     let everything = || std::iter::once(&report.nominal).chain(&report.spread);
     let short = everything().find(|s| {
         !(s.stable

@@ -1,0 +1,123 @@
+//! The command `demo`: the paper's task in all its cases.
+
+use super::{
+    CliError, Common, Output, controller, gains, print, print_facts, progress_bar, results,
+};
+use crate::cases::{self, CASES, PLANTS};
+use crate::closed_loop::{self, Run, RunOptions};
+use crate::export;
+use crate::report;
+use clap::Args;
+use serde_json::{Value, json};
+use std::io::Write;
+use std::path::PathBuf;
+use std::time::Instant;
+
+#[derive(Args)]
+pub(super) struct DemoArgs {
+    #[command(flatten)]
+    common: Common,
+    /// Gains; without it those of examples/controller.toml
+    #[arg(long, value_name = "FILE")]
+    controller: Option<PathBuf>,
+    /// Folder for the results; made if it is not there
+    #[arg(long, value_name = "DIR", default_value = "out/demo")]
+    out: PathBuf,
+}
+
+pub(super) fn demo(args: &DemoArgs) -> Result<(), CliError> {
+    let (arm, task) = args.common.load()?;
+    let law = controller(args.controller.as_deref())?;
+    if !law.feedforward {
+        return Err(CliError::NoEffect {
+            what: "feedforward = false in --controller",
+            beside: "in demo, whose cases say which part of the law acts: true is accepted",
+        });
+    }
+    let since = Instant::now();
+    let planned = [
+        args.common.plan(&arm, &task)?,
+        args.common
+            .plan(&arm, &cases::fast(&task))
+            .map_err(|error| CliError::Fast(error.into()))?,
+    ];
+    gains::warn(&planned[0].plan, &cases::plant(arm.elements, 1.0), &law);
+    let output = Output::new(&args.out)?;
+    output.write("plan.csv", |w| export::plan_csv(&planned[0].plan, w))?;
+    output.write("plan_fast.csv", |w| export::plan_csv(&planned[1].plan, w))?;
+    output.write("table.bin", |w| w.write_all(&planned[0].table.image))?;
+    output.write("table_fast.bin", |w| w.write_all(&planned[1].table.image))?;
+
+    let progress = progress_bar((CASES.len() * PLANTS.len()) as u64, "{msg}");
+    let mut runs: Vec<(&str, &str, usize, Run)> = Vec::new();
+    for case in &CASES {
+        for (plant, scale) in PLANTS {
+            progress.set_message(format!("{}, {plant}", case.name));
+            let used = usize::from(case.fast);
+            let options = RunOptions {
+                law: case.mode.of(&law),
+                limits: planned[used].limits,
+                plant: cases::plant(arm.elements, scale),
+                start: case.start,
+            };
+            let (plan, image) = (&planned[used].plan, &planned[used].table.image);
+            let run = closed_loop::run::<f32>(plan, image, &options)?;
+            let folder = args.out.join(format!("{}_{plant}", case.name));
+            let folder = Output::new(&folder)?;
+            folder.write("run.csv", |w| export::run_csv(&run, w))?;
+            let mut summary = export::summary_json(&run.summary);
+            summary.extend(planned[used].json());
+            folder.json("summary.json", &Value::Object(summary))?;
+            runs.push((case.name, plant, used, run));
+            progress.inc(1);
+        }
+    }
+    progress.set_message("report");
+    let list: Vec<Value> = runs
+        .iter()
+        .map(|(case, plant, _, run)| {
+            let mut entry = export::object([("case", json!(case)), ("plant", json!(plant))]);
+            entry.extend(export::errors_json(&run.summary));
+            Value::Object(entry)
+        })
+        .collect();
+    let summary =
+        json!({ "cases": list, "plan": planned[0].json(), "plan_fast": planned[1].json() });
+    output.json("summary.json", &summary)?;
+    let cases: Vec<report::Case> = runs
+        .iter()
+        .map(|(case, plant, used, run)| report::Case {
+            case,
+            plant,
+            plan: &planned[*used].plan,
+            run,
+        })
+        .collect();
+    let mut facts = planned[0].facts();
+    facts.extend(
+        planned[1]
+            .facts()
+            .into_iter()
+            .map(|(name, fact)| (format!("fast: {name}"), fact)),
+    );
+    report::write_figures(&args.out, &cases)?;
+    let page = args.out.join("report.html");
+    report::write_html(&page, "Flexor: the paper's manipulation", &cases, &facts)?;
+    progress.finish_and_clear();
+
+    if args.common.json {
+        return print(&summary);
+    }
+    print_facts(&planned[0].facts())?;
+    print("")?;
+    print(results(
+        runs.iter()
+            .map(|(case, plant, _, run)| (*case, *plant, run)),
+    ))?;
+    print(format_args!(
+        "\n{} runs in {:.1} s. The report is {}",
+        runs.len(),
+        since.elapsed().as_secs_f64(),
+        page.display()
+    ))
+}

@@ -1,0 +1,224 @@
+//! The command `plan`, and planning for all commands: plan, table, limits, and what a reader
+//! should know of them.
+
+use super::{CliError, Common, ModelArg, Output, print, print_facts, say};
+use crate::cases;
+use crate::config::ArmConfig;
+use crate::export;
+use crate::knots::{self, EncodedTable};
+use crate::message::{Short, near};
+use crate::plan::{self, Equations, Plan, PlanOptions, PlanPoint, Task};
+use clap::Args;
+use serde_json::{Map, Value, json};
+use shared::guard::LimitParameters;
+use std::io::Write;
+use std::path::PathBuf;
+use std::time::Instant;
+
+#[derive(Args)]
+pub(super) struct PlanArgs {
+    #[command(flatten)]
+    common: Common,
+    /// Folder for the results; made if it is not there
+    #[arg(long, value_name = "DIR", default_value = "out/plan")]
+    out: PathBuf,
+}
+
+pub(super) fn plan_command(args: &PlanArgs) -> Result<(), CliError> {
+    let (arm, task) = args.common.load()?;
+    let planned = args.common.plan(&arm, &task)?;
+    let output = Output::new(&args.out)?;
+    output.write("plan.csv", |w| export::plan_csv(&planned.plan, w))?;
+    output.write("table.bin", |w| w.write_all(&planned.table.image))?;
+    let summary = Value::Object(planned.json());
+    output.json("summary.json", &summary)?;
+    if args.common.json {
+        return print(summary);
+    }
+    print_facts(&planned.facts())?;
+    print(format_args!(
+        "\nplan.csv, table.bin and summary.json are in {}",
+        args.out.display()
+    ))
+}
+
+/// What a reader should know before using a plan, its table and the drives' `limits`.
+fn doubts(plan: &Plan, table: &EncodedTable, limits: &LimitParameters) -> Vec<String> {
+    /// Share of a torque's peak that it may change by in the first or last control period;
+    /// with up to 8 elements the paper's task stays below it.
+    const JUMP: f64 = 0.03;
+    /// The table's accuracy where the format is at its best, N m.
+    const TABLE_NM: f64 = 1e-4;
+    let mut doubts = Vec::new();
+    let points = &plan.points;
+    let last = points.len() - 1;
+    for (end, window, i, j) in [
+        ("starts", "pre_actuation_s", 0, 1),
+        ("ends", "post_actuation_s", last - 1, last),
+    ] {
+        for joint in 0..2 {
+            let jump = (points[i].torque[joint] - points[j].torque[joint]).abs();
+            if jump > JUMP * plan.peaks.torque[joint] {
+                doubts.push(format!(
+                    "the plan {end} with a jump of torque tau{} by {} N m within a control period, to bend the link at once; a longer {window}, for instance \"auto\", or fewer link2.elements avoid it",
+                    joint + 1,
+                    near(jump)
+                ));
+            }
+        }
+    }
+    for joint in 0..2 {
+        let step = |pair: &[PlanPoint]| (pair[1].torque[joint] - pair[0].torque[joint]).abs();
+        let steepest = points.windows(2).max_by(|a, b| step(a).total_cmp(&step(b)));
+        let (limit, need) = (
+            limits.torque_rate_nm_s[joint],
+            plan.peaks.torque_rate[joint],
+        );
+        if let Some(pair) = steepest
+            && need > limit
+        {
+            doubts.push(format!(
+                "limits.torque_rate_Nm_s[{joint}] = {} is less than the {} N m/s that the plan needs of joint {} at t = {:.4} s: the arm will lag behind the plan; a longer duration_s may need less",
+                Short(limit),
+                near(need),
+                joint + 1,
+                pair[0].t
+            ));
+        }
+    }
+    let error_nm = table.torque_error_max_nm;
+    if !(error_nm <= TABLE_NM) {
+        doubts.push(format!(
+            "the table reproduces the torque to {error_nm:.1e} N m only, {TABLE_NM:e} is usual: the motion has parts too fast for its knots"
+        ));
+    }
+    doubts
+}
+
+/// A task planned and encoded, with how long that took.
+pub(super) struct Planned {
+    pub(super) plan: Plan,
+    pub(super) table: EncodedTable,
+    pub(super) plan_ms: f64,
+    pub(super) table_ms: f64,
+    pub(super) limits: LimitParameters,
+}
+
+impl Common {
+    pub(super) fn plan(&self, arm: &ArmConfig, task: &Task) -> Result<Planned, CliError> {
+        let options = PlanOptions {
+            elements: arm.elements,
+            tick_rate_hz: self.tick_rate_hz,
+            equations: match self.model {
+                ModelArg::Exact => Equations::Exact,
+                ModelArg::AsPrinted => Equations::AsPrinted,
+            },
+            ..PlanOptions::default()
+        };
+        let milliseconds = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
+        let since = Instant::now();
+        let plan = plan::plan(&arm.arm, task, &options)?;
+        let plan_ms = milliseconds(since);
+        let limits = match arm.limits {
+            Some(limits) => {
+                for (i, (torque_nm, limit_nm)) in plan
+                    .peaks
+                    .torque
+                    .into_iter()
+                    .zip(limits.torque_nm)
+                    .enumerate()
+                {
+                    if torque_nm > limit_nm {
+                        let size = |point: &&PlanPoint| point.torque[i].abs();
+                        let points = plan.points.iter();
+                        let peak = points.max_by(|a, b| size(a).total_cmp(&size(b)));
+                        return Err(CliError::Limit {
+                            joint: i + 1,
+                            t_s: peak.map_or(0.0, |point| point.t),
+                            torque_nm,
+                            limit_nm,
+                        });
+                    }
+                }
+                limits
+            }
+            None => cases::default_limits(&plan),
+        };
+        let since = Instant::now();
+        let table = knots::encode(&plan).map_err(CliError::Encode)?;
+        for word in doubts(&plan, &table, &limits) {
+            say(format_args!("warning: {word}"));
+        }
+        Ok(Planned {
+            plan,
+            table,
+            plan_ms,
+            table_ms: milliseconds(since),
+            limits,
+        })
+    }
+}
+
+impl Planned {
+    /// The plan's figures as flat JSON.
+    pub(super) fn json(&self) -> Map<String, Value> {
+        let (intervals, iterations) = self.plan.effort();
+        let peaks = &self.plan.peaks;
+        let seconds = |ticks: u32| f64::from(ticks) / f64::from(self.plan.tick_rate_hz);
+        export::object([
+            ("plan_ms", json!(self.plan_ms)),
+            ("table_ms", json!(self.table_ms)),
+            ("table_bytes", json!(self.table.image.len())),
+            (
+                "table_torque_error_max_Nm",
+                json!(self.table.torque_error_max_nm),
+            ),
+            (
+                "table_angle_error_max_rad",
+                json!(self.table.angle_error_max_rad),
+            ),
+            ("error_estimate", json!(self.plan.error_estimate())),
+            ("mesh_intervals", json!(intervals)),
+            ("newton_iterations", json!(iterations)),
+            ("tick_rate_Hz", json!(self.plan.tick_rate_hz)),
+            ("plan_ticks", json!(self.plan.ticks)),
+            ("pre_actuation_s", json!(seconds(self.plan.pre_ticks))),
+            ("elements", json!(self.plan.model.elements)),
+            (
+                "arm_fingerprint",
+                json!(format!("{:#010x}", self.plan.model.arm.fingerprint())),
+            ),
+            ("planned_torque1_max_Nm", json!(peaks.torque[0])),
+            ("planned_torque2_max_Nm", json!(peaks.torque[1])),
+            ("planned_power1_max_W", json!(peaks.power[0])),
+            ("planned_power2_max_W", json!(peaks.power[1])),
+            (
+                "initial_slope_rate_rad_s",
+                json!(self.plan.points[0].root_slope_rate),
+            ),
+        ])
+    }
+
+    /// The plan's figures as facts for a reader.
+    pub(super) fn facts(&self) -> Vec<(String, String)> {
+        let plan = &self.plan;
+        let peaks = &plan.peaks;
+        let end = plan.points[plan.points.len() - 1].t;
+        let (intervals, iterations) = plan.effort();
+        [
+            ("motion", format!(
+                "{:.4} to {end:.4} s, {} ticks at {} Hz", plan.points[0].t, plan.ticks, plan.tick_rate_hz)),
+            ("planned in", format!(
+                "{:.1} ms, {intervals} intervals, {iterations} Newton steps; the table in {:.1} ms",
+                self.plan_ms, self.table_ms)),
+            ("deflection error estimate", format!("{:.1e} rad, m", plan.error_estimate())),
+            ("planned torque", format!("up to {:.4} and {:.4} N m", peaks.torque[0], peaks.torque[1])),
+            ("planned power", format!("up to {:.3} and {:.3} W", peaks.power[0], peaks.power[1])),
+            ("slope rate at the start", format!("{:.2e} rad/s", plan.points[0].root_slope_rate)),
+            ("feedforward table", format!(
+                "{} bytes, torque to {:.1e} N m", self.table.image.len(), self.table.torque_error_max_nm)),
+        ]
+        .map(|(name, fact)| (name.to_string(), fact))
+        .to_vec()
+    }
+}

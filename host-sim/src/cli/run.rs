@@ -1,0 +1,305 @@
+//! The command `run`: a task, a controller and a plant, simulated; `pil` takes the same.
+
+use super::plan::Planned;
+use super::{
+    CliError, Common, Output, accuracy, controller, gains, print, print_facts, progress_bar,
+    results,
+};
+use crate::accuracy::run_fixed;
+use crate::cases::Mode;
+use crate::closed_loop::{self, Outcome, Run, RunOptions};
+use crate::config;
+use crate::export;
+use crate::plan::Plan;
+use crate::plant::{PlantParameters, Start};
+use crate::ranges;
+use crate::report;
+use clap::{Args, ValueEnum};
+use serde_json::{Map, Value, json};
+use shared::table::Table;
+use std::fs::File;
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// What is run: task, controller and plant.
+#[derive(Args)]
+pub(super) struct SimulationArgs {
+    #[command(flatten)]
+    pub(super) common: Common,
+    /// Gains; without it those of examples/controller.toml
+    #[arg(long, value_name = "FILE")]
+    controller: Option<PathBuf>,
+    /// Which part of the law acts: both, or one; without it as the controller file's
+    /// feedforward says
+    #[arg(long, value_enum)]
+    mode: Option<ModeArg>,
+    /// How the plant differs from the planned arm; without it not at all, but for eight
+    /// elements [examples/plant_soft.toml]
+    #[arg(long, value_name = "FILE")]
+    plant: Option<PathBuf>,
+    /// Elements of the plant's link 2; before the plant file's
+    #[arg(long, value_name = "N")]
+    plant_elements: Option<u32>,
+    /// Factor on the plant's bending stiffness; before the plant file's
+    #[arg(long, value_name = "X")]
+    bending_stiffness_scale: Option<f64>,
+    /// State that the plant starts in; before the plant file's
+    #[arg(long, value_enum)]
+    start: Option<StartArg>,
+    /// A table to run instead of the one that is planned; it must fit arm and task
+    #[arg(long, value_name = "FILE", conflicts_with = "model")]
+    table: Option<PathBuf>,
+}
+
+#[derive(Args)]
+pub(super) struct RunArgs {
+    #[command(flatten)]
+    simulation: SimulationArgs,
+    /// Number type that the controller computes in
+    #[arg(long, value_enum, default_value_t = NumberArg::F32)]
+    number: NumberArg,
+    /// Folder for the results; made if it is not there
+    #[arg(long, value_name = "DIR", default_value = "out/run")]
+    out: PathBuf,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum ModeArg {
+    Proposed,
+    Feedforward,
+    Feedback,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum StartArg {
+    /// The plan's first shape with its elastic velocity
+    PlanMoving,
+    /// The plan's first shape at rest
+    PlanAtRest,
+    /// The plant's own equilibrium under the planned force
+    Equilibrium,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum NumberArg {
+    F32,
+    F64,
+    /// Fixed point of 32 bits
+    Fixed,
+}
+
+pub(super) fn run_command(args: &RunArgs) -> Result<(), CliError> {
+    let simulation = args.simulation.prepare()?;
+    let Simulation {
+        planned, options, ..
+    } = &simulation;
+    let output = Output::new(&args.out)?;
+    let (plan, image) = (&planned.plan, &planned.table.image);
+    if simulation.mode != Mode::Feedforward {
+        gains::warn(plan, &options.plant, &options.law);
+    }
+    let since = Instant::now();
+    let progress = progress_bar(plan.points.len() as u64, "ticks, {eta} left");
+    let (run, saturations) = match args.number {
+        NumberArg::F32 => {
+            let run = closed_loop::run_with::<f32>(plan, image, options, |_, _| progress.inc(1))?;
+            (run, None)
+        }
+        NumberArg::F64 => {
+            let run = closed_loop::run_with::<f64>(plan, image, options, |_, _| progress.inc(1))?;
+            (run, None)
+        }
+        NumberArg::Fixed => {
+            let (run, saturations) = run_fixed(plan, image, options, |_, _| progress.inc(1))?;
+            (run, Some(saturations))
+        }
+    };
+    progress.finish_and_clear();
+    let run_ms = since.elapsed().as_secs_f64() * 1e3;
+
+    let mut keys = export::object([("run_ms", json!(run_ms))]);
+    let fact = format!("{run_ms:.0} ms, plant with {} elements", run.elements);
+    let mut facts = vec![("simulated in".into(), fact)];
+    if let Some(saturations) = saturations {
+        let total = saturations.total();
+        keys.insert("saturations".into(), json!(total));
+        for (signal, count) in saturations.entries() {
+            keys.insert(format!("saturations_{signal}"), json!(count));
+        }
+        let analysis = ranges::analyse(plan, image, &options.law, &options.limits)?;
+        facts.extend(accuracy::format_facts(&analysis));
+        facts.push(("fixed point: saturations".into(), total.to_string()));
+    }
+    simulation.report(
+        &output,
+        &run,
+        "Flexor: run",
+        keys,
+        facts,
+        args.simulation.common.json,
+    )?;
+    simulation.judge(&run, &output)
+}
+
+/// What is to be run, planned.
+pub(super) struct Simulation {
+    pub(super) planned: Planned,
+    pub(super) options: RunOptions,
+    pub(super) mode: Mode,
+}
+
+impl Simulation {
+    /// Writes the files of a run and prints its result. `keys` and `facts` are what is
+    /// particular to it.
+    pub(super) fn report(
+        &self,
+        output: &Output,
+        run: &Run,
+        title: &str,
+        keys: Map<String, Value>,
+        facts: Vec<(String, String)>,
+        json: bool,
+    ) -> Result<(), CliError> {
+        let Planned { plan, table, .. } = &self.planned;
+        let mut summary = export::summary_json(&run.summary);
+        summary.extend(self.planned.json());
+        summary.extend(keys);
+        summary.insert("plant_elements".into(), json!(run.elements));
+        let summary = Value::Object(summary);
+        output.write("plan.csv", |w| export::plan_csv(plan, w))?;
+        output.write("table.bin", |w| w.write_all(&table.image))?;
+        output.write("run.csv", |w| export::run_csv(run, w))?;
+        output.json("summary.json", &summary)?;
+        let name = match self.mode {
+            Mode::Proposed => "proposed",
+            Mode::Feedforward => "feedforward",
+            Mode::Feedback => "feedback",
+        };
+        let cases = [report::Case {
+            case: name,
+            plant: "plant",
+            plan,
+            run,
+        }];
+        let mut all = self.planned.facts();
+        all.extend(facts);
+        let page = output.folder.join("report.html");
+        report::write_figures(output.folder, &cases)?;
+        report::write_html(&page, title, &cases, &all)?;
+        if json {
+            return print(&summary);
+        }
+        print_facts(&all)?;
+        print("")?;
+        print(results([(name, "plant", run)]))?;
+        print(format_args!("\nThe report is {}", page.display()))
+    }
+
+    /// A run that could not go on to its end is a failure; a bad result is not.
+    pub(super) fn judge(&self, run: &Run, output: &Output) -> Result<(), CliError> {
+        let outcome = run.summary.outcome;
+        if outcome == Outcome::Diverged {
+            let first = self.planned.plan.points[0].t;
+            return Err(CliError::Stopped {
+                t_s: run.rows.last().map_or(first, |row| row.t),
+                outcome,
+                out: output.folder.to_path_buf(),
+            });
+        }
+        Ok(())
+    }
+}
+
+impl SimulationArgs {
+    /// Reads the files and plans.
+    pub(super) fn prepare(&self) -> Result<Simulation, CliError> {
+        if matches!(self.mode, Some(ModeArg::Feedforward)) && self.controller.is_some() {
+            return Err(CliError::NoEffect {
+                what: "--controller",
+                beside: "with --mode feedforward, which has no gains: leave one of them out",
+            });
+        }
+        let (arm, task) = self.common.load()?;
+        let law = controller(self.controller.as_deref())?;
+        let (mut plant, mut start) = config::load(self.plant.as_deref(), "", config::parse_plant)?;
+        self.adjust(&mut plant, &mut start)?;
+        let mut planned = self.common.plan(&arm, &task)?;
+        if let Some(file) = &self.table {
+            planned.table.image = read_table(file, &planned.plan)?;
+        }
+        let mode = match self.mode {
+            Some(ModeArg::Proposed) => Mode::Proposed,
+            Some(ModeArg::Feedforward) => Mode::Feedforward,
+            Some(ModeArg::Feedback) => Mode::Feedback,
+            None if law.feedforward => Mode::Proposed,
+            None => Mode::Feedback,
+        };
+        let options = RunOptions {
+            law: mode.of(&law),
+            limits: planned.limits,
+            plant,
+            start,
+        };
+        Ok(Simulation {
+            planned,
+            options,
+            mode,
+        })
+    }
+
+    /// Puts what was said on the command line before what the plant file says.
+    fn adjust(&self, plant: &mut PlantParameters, start: &mut Start) -> Result<(), CliError> {
+        if let Some(elements) = self.plant_elements {
+            config::check_option("--plant-elements", "elements", f64::from(elements))?;
+            plant.elements = elements as usize;
+        }
+        if let Some(scale) = self.bending_stiffness_scale {
+            let (option, field) = ("--bending-stiffness-scale", "bending_stiffness_scale");
+            plant.bending_stiffness_scale = config::check_option(option, field, scale)?;
+        }
+        match self.start {
+            Some(StartArg::PlanMoving) => *start = Start::PlanMoving,
+            Some(StartArg::PlanAtRest) => *start = Start::PlanAtRest,
+            Some(StartArg::Equilibrium) => *start = Start::Equilibrium,
+            None => {}
+        }
+        Ok(())
+    }
+}
+
+/// Bytes of a file that are read as a table.
+const TABLE_BYTES_MAX: u64 = 64 << 20;
+
+/// Reads a table image and makes sure that it is for the plan's arm, rate and length.
+fn read_table(file: &Path, plan: &Plan) -> Result<Vec<u8>, CliError> {
+    // More than any slot holds is no table; a device would never end.
+    let mut image = Vec::new();
+    File::open(file)
+        .and_then(|opened| opened.take(TABLE_BYTES_MAX).read_to_end(&mut image))
+        .map_err(|cause| CliError::Unreadable {
+            file: file.to_path_buf(),
+            cause,
+        })?;
+    let table = Table::open_for(&image, plan.model.arm.fingerprint()).map_err(|source| {
+        CliError::Table {
+            file: file.to_path_buf(),
+            source,
+        }
+    })?;
+    let header = table.header();
+    let first_tick = -plan.pre_ticks.cast_signed();
+    let is = (header.tick_rate_hz, header.ticks, header.first_tick);
+    let should = (plan.tick_rate_hz, plan.ticks, first_tick);
+    if is == should {
+        return Ok(image);
+    }
+    let words = |(rate, ticks, first): (u32, u32, i32)| {
+        format!("{ticks} ticks from tick {first} at {rate} Hz")
+    };
+    Err(CliError::OtherTask {
+        file: file.to_path_buf(),
+        found: words(is),
+        expected: words(should),
+    })
+}

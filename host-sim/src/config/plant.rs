@@ -1,0 +1,76 @@
+//! A plant file: how the simulated arm differs from the planned one.
+
+use super::{Check, ConfigError, optional_pair, parse};
+use crate::plant::{PlantParameters, Start};
+use serde::Deserialize;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PlantFile {
+    elements: Option<u32>,
+    bending_stiffness_scale: Option<f64>,
+    link1_mass_scale: Option<f64>,
+    link2_mass_scale: Option<f64>,
+    damping_scale: Option<f64>,
+    root_inertia_kgm2: Option<f64>,
+    tip_mass_kg: Option<f64>,
+    tip_inertia_kgm2: Option<f64>,
+    #[serde(rename = "viscous_friction_Nms_rad")]
+    #[serde(default, deserialize_with = "optional_pair")]
+    viscous_friction: Option<[f64; 2]>,
+    #[serde(rename = "coulomb_friction_Nm")]
+    #[serde(default, deserialize_with = "optional_pair")]
+    coulomb_friction: Option<[f64; 2]>,
+    geometric_stiffness: Option<bool>,
+    substeps: Option<u32>,
+    start: Option<StartFile>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum StartFile {
+    PlanMoving,
+    PlanAtRest,
+    Equilibrium,
+}
+
+/// Reads the text of a plant file; `file` is its name for messages. What the file
+/// leaves out is as in [`PlantParameters::default`].
+///
+/// # Errors
+/// [`ConfigError`].
+pub fn parse_plant(file: &str, text: &str) -> Result<(PlantParameters, Start), ConfigError> {
+    let read: PlantFile = parse(file, text)?;
+    let check = Check { file };
+    let scale =
+        |field: &str, value: Option<f64>| check.optional(field, value).map(|v| v.unwrap_or(1.0));
+    let pair =
+        |field: &str, value: Option<[f64; 2]>| value.map_or(Ok([0.0; 2]), |v| check.pair(field, v));
+    let default = PlantParameters::default();
+    let parameters = PlantParameters {
+        elements: match read.elements {
+            Some(elements) => check.whole("elements", elements)? as usize,
+            None => default.elements,
+        },
+        bending_stiffness_scale: scale("bending_stiffness_scale", read.bending_stiffness_scale)?,
+        link1_mass_scale: scale("link1_mass_scale", read.link1_mass_scale)?,
+        link2_mass_scale: scale("link2_mass_scale", read.link2_mass_scale)?,
+        damping_scale: scale("damping_scale", read.damping_scale)?,
+        root_inertia_kgm2: check.optional("root_inertia_kgm2", read.root_inertia_kgm2)?,
+        tip_mass_kg: check.optional("tip_mass_kg", read.tip_mass_kg)?,
+        tip_inertia_kgm2: check.optional("tip_inertia_kgm2", read.tip_inertia_kgm2)?,
+        viscous_friction_nms_rad: pair("viscous_friction_Nms_rad", read.viscous_friction)?,
+        coulomb_friction_nm: pair("coulomb_friction_Nm", read.coulomb_friction)?,
+        geometric_stiffness: read.geometric_stiffness.unwrap_or(false),
+        substeps: read
+            .substeps
+            .map(|s| check.whole("substeps", s))
+            .transpose()?,
+    };
+    let start = match read.start {
+        Some(StartFile::PlanMoving) => Start::PlanMoving,
+        Some(StartFile::Equilibrium) => Start::Equilibrium,
+        Some(StartFile::PlanAtRest) | None => Start::PlanAtRest,
+    };
+    Ok((parameters, start))
+}
