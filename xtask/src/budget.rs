@@ -6,7 +6,8 @@ use crate::image::{MASKED_MAX, check_panic_free, listing, masked_instructions, s
 use crate::{cores, demo, firmware, root};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use host_sim::pil::{self, Emulation, Processor};
+use host_sim::pil;
+use host_sim::processor::{Emulation, Processor};
 use serde::{Deserialize, Serialize};
 use shared::slot::Slot;
 use std::fs;
