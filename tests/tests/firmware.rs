@@ -2,13 +2,15 @@
 //! `host-sim pil`. `cargo xtask test` builds
 //! the image and runs these; `FLEXOR_ELF` says where it is.
 
-use host_sim::pil::{Emulation, Logs, PilError, Processor, compare_any};
+use host_sim::pil::compare_any;
+use host_sim::processor::{Emulation, Logs, Processor, ProcessorError};
 use object::{Object, ObjectSection, ObjectSymbol};
 use shared::control::Mode;
 use shared::guard::{Fault, LimitParameters};
 use shared::law::{LawParameters, Measurement};
 use shared::link::{ClockSource, FRAME_MAX, Reply, Request, Setup, StartReason, encode};
 use shared::safety::Refusal;
+use shared::sensing::RawSample;
 use shared::slot::{Slot, SlotError};
 use std::cell::RefCell;
 use std::ffi::OsString;
@@ -195,6 +197,9 @@ fn seal(table: &mut [u8]) {
     table[44..48].copy_from_slice(&digest.finalize().to_le_bytes());
 }
 
+/// A request to arm with any slot's table.
+const ARM: Request = Request::Arm { slot: None };
+
 fn ask(processor: &mut Processor, request: Request) -> Reply {
     processor.ask(&request, "reply").unwrap()
 }
@@ -204,6 +209,9 @@ fn ask(processor: &mut Processor, request: Request) -> Reply {
 fn it_starts_disarmed_with_its_table_and_says_so() {
     let mut processor = boot(untouched, None);
     let identity = *processor.identity();
+    let version = identity.version.map(|number| number.to_string()).join(".");
+    // Firmware and host are released together.
+    assert_eq!(version, env!("CARGO_PKG_VERSION"));
     assert_eq!(identity.arm_fingerprint, Some(setup().arm.fingerprint()));
     assert_eq!(identity.slots[0].unwrap().ticks, 10_000);
     assert_eq!(identity.slots[1], Err(SlotError::Magic));
@@ -222,10 +230,50 @@ fn it_starts_disarmed_with_its_table_and_says_so() {
 #[ignore = "needs the image: cargo xtask test"]
 fn without_released_stop_it_does_not_arm() {
     // QEMU's inputs read 0: the stop is pressed.
+    let good = table();
+    let mut processor = boot(untouched, Some(&good));
+    let stop = Reply::Refused(Refusal::Cause(Fault::EmergencyStop));
+    for slot in [None, Some(Slot::A), Some(Slot::B)] {
+        assert_eq!(ask(&mut processor, Request::Arm { slot }), stop);
+        assert_eq!(processor.status().unwrap().mode, Mode::Disarmed);
+    }
+    // A slot that was asked for is never replaced by the other.
     let mut processor = boot(untouched, None);
-    let refused = Reply::Refused(Refusal::Cause(Fault::EmergencyStop));
-    assert_eq!(ask(&mut processor, Request::Arm), refused);
-    assert_eq!(processor.status().unwrap().mode, Mode::Disarmed);
+    let (a, b) = (Some(Slot::A), Some(Slot::B));
+    let refused = Reply::Refused(Refusal::Table(SlotError::Magic));
+    assert_eq!(ask(&mut processor, Request::Arm { slot: a }), stop);
+    assert_eq!(ask(&mut processor, Request::Arm { slot: b }), refused);
+    let mut processor = boot(|table| table[0] ^= 1, Some(&good));
+    assert_eq!(ask(&mut processor, Request::Arm { slot: a }), refused);
+    assert_eq!(ask(&mut processor, Request::Arm { slot: b }), stop);
+    assert_eq!(ask(&mut processor, ARM), stop);
+}
+
+#[test]
+#[ignore = "needs the image: cargo xtask test"]
+fn sensors_are_told_in_every_mode() {
+    // QEMU has neither encoders nor converters nor inputs that are on.
+    let mut processor = boot(untouched, None);
+    let check = |processor: &mut Processor| {
+        let report = processor.sensors().unwrap();
+        assert_eq!(report.raw, RawSample::default());
+        assert!(!report.interlocks.stop_released && !report.interlocks.drives_well);
+        report.measured
+    };
+    check(&mut processor);
+    processor.start(Slot::A, &setup()).unwrap();
+    // What the sensors say, and not what the host says in their place.
+    let simulated = Measurement {
+        force: 7.0,
+        ..Measurement::default()
+    };
+    processor.tick(0, &simulated).unwrap();
+    let measured = check(&mut processor);
+    // No counts are the lowest force and slope, below their zeros in the middle.
+    assert!((measured.force + 20.0).abs() < 0.1, "{}", measured.force);
+    assert!((measured.root_slope + 0.5).abs() < 0.01);
+    assert_eq!(measured.root_slope_rate, 0.0);
+    assert_eq!(processor.status().unwrap().mode, Mode::LockStep);
 }
 
 #[test]
@@ -259,17 +307,17 @@ fn a_bad_table_is_named_and_the_other_slot_used() {
         let mut alone = boot(change, None);
         assert_eq!(alone.identity().slots[0], Err(error));
         let refused = Reply::Refused(Refusal::NoTable(error, SlotError::Magic));
-        assert_eq!(ask(&mut alone, Request::Arm), refused);
+        assert_eq!(ask(&mut alone, ARM), refused);
         assert!(matches!(
             alone.start(Slot::A, &setup()),
-            Err(PilError::Refused(Refusal::Table(found))) if found == error
+            Err(ProcessorError::Refused(Refusal::Table(found))) if found == error
         ));
 
         let mut with_b = boot(change, Some(&good));
         assert!(with_b.identity().slots[1].is_ok());
         // Past the table, to the next thing that is missing.
         let refused = Reply::Refused(Refusal::Cause(Fault::EmergencyStop));
-        assert_eq!(ask(&mut with_b, Request::Arm), refused);
+        assert_eq!(ask(&mut with_b, ARM), refused);
         with_b.start(Slot::B, &setup()).unwrap();
     }
 }
@@ -296,10 +344,7 @@ fn lock_step_begins_and_ends_on_request() {
     assert_eq!(ask(&mut processor, Request::StopLockStep), refused);
     for end in [Request::StopLockStep, Request::Disarm] {
         processor.start(Slot::A, &setup()).unwrap();
-        assert_eq!(
-            ask(&mut processor, Request::Arm),
-            Reply::Refused(Refusal::Busy)
-        );
+        assert_eq!(ask(&mut processor, ARM), Reply::Refused(Refusal::Busy));
         for sequence in 0..3 {
             let reply = processor.tick(sequence, &measured).unwrap();
             assert_eq!(reply.tick, sequence);
@@ -319,7 +364,9 @@ fn lock_step_begins_and_ends_on_request() {
     another_arm.arm.link2_mass_kg = 0.3;
     assert!(matches!(
         processor.start(Slot::A, &another_arm),
-        Err(PilError::Refused(Refusal::Table(SlotError::Fingerprint)))
+        Err(ProcessorError::Refused(Refusal::Table(
+            SlotError::Fingerprint
+        )))
     ));
 }
 
@@ -423,7 +470,7 @@ fn the_log_comes_decoded_over_the_link() {
     let (mut bytes, range) = image();
     bytes[range.start] ^= 1;
     let mut processor = boot_logged(&bytes, None, &folder, Some(logs));
-    ask(&mut processor, Request::Arm);
+    ask(&mut processor, ARM);
     let has = |words: &str| lines.borrow().iter().any(|line| line.contains(words));
     // The log may lag behind the answers.
     let deadline = Instant::now() + Duration::from_secs(60);
@@ -486,6 +533,7 @@ fn pil_gives_what_run_gives_to_the_last_byte() {
         assert!(a == b, "{file} differs");
     }
     assert!(folder.join("pil/report.html").exists());
+    assert_eq!(pil["firmware_version"], env!("CARGO_PKG_VERSION"));
     assert_eq!(pil["outcome"], run["outcome"]);
     assert_eq!(
         (&pil["ticks"], &pil["differing_commands"]),
