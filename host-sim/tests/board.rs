@@ -371,7 +371,7 @@ fn a_fault_on_the_way_is_named_and_a_failure() {
 }
 
 #[test]
-fn a_refusal_is_told_and_nothing_else_is_asked() {
+fn a_refusal_is_told_and_nothing_is_to_be_disarmed() {
     let mut board = Board::NEW;
     let refusal = Refusal::AwayFromStart {
         deviation_rad: [0.5, -0.25, 0.0],
@@ -383,7 +383,8 @@ fn a_refusal_is_told_and_nothing_else_is_asked() {
     let output = board.run(&["arm"]);
     failed(&output, &["refused", "[0.5, -0.25, 0.0] rad", "first row"]);
     assert!(output.stdout.is_empty());
-    assert_eq!(board.asked(), [Request::Arm { slot: None }]);
+    let arm = Request::Arm { slot: None };
+    assert_eq!(board.asked(), [arm, Request::Status]);
 }
 
 #[test]
@@ -589,7 +590,7 @@ fn the_image_in_qemu_answers_every_verb() {
     for (arguments, key, value) in [
         (&["status", "--json"][..], "mode", Value::from("disarmed")),
         (&["sensors", "--json"], "fresh", false.into()),
-        (&["sensors", "--json"], "encoder1_counts", 0.into()),
+        (&["sensors", "--json"], "strain_counts", 0.into()),
         (&["sensors", "--json"], "stop_released", false.into()),
         (&["disarm", "--json"], "mode", "disarmed".into()),
         (&["acknowledge", "--json"], "fault", Value::Null),

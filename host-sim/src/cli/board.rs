@@ -200,11 +200,13 @@ pub(super) fn board(args: &BoardArgs) -> Result<(), CliError> {
     let mut processor = args.connection.open(None, patience, &bar).map_err(failed)?;
     let board = &mut processor;
     match args.verb {
-        Verb::Identity => show(
-            args.json,
-            identity_json(board.identity()),
-            identity_facts(board.identity()),
-        ),
+        Verb::Identity => {
+            let identity = *board.identity();
+            // The log of its start comes before the answer to a further request.
+            board.status().map_err(failed)?;
+            let facts = identity_facts(&identity);
+            show(args.json, identity_json(&identity), facts)
+        }
         Verb::Status => status(board, args.json),
         Verb::Sensors { follow: true } => follow(board, args.json, &bar),
         Verb::Sensors { follow: false } => {
@@ -588,7 +590,11 @@ fn arm(
 ) -> Result<(), CliError> {
     let stop = stop_signals()?;
     let granted = match board.arm(slot) {
-        Err(error @ ProcessorError::Refused(_)) => return Err(failed(error)),
+        Err(error @ ProcessorError::Refused(_)) => {
+            // For what it has logged of that; the refusal is known without.
+            let _ = board.status();
+            return Err(failed(error));
+        }
         other => other,
     };
     let ended = granted
