@@ -503,6 +503,16 @@ const SENSORS_HEAD: [&str; 2] = [
     "              counts     rad     rad     rad   rad/s       N",
 ];
 
+/// A number in a column; one too large for it, such as an encoder's that counts QEMU's time,
+/// in powers of ten.
+fn column(value: f32, width: usize, decimals: usize) -> String {
+    let plain = format!("{value:width$.decimals$}");
+    if plain.len() > width {
+        return format!("{value:width$.0e}");
+    }
+    plain
+}
+
 /// The sensors in a line.
 fn sensors_line(report: &SensorReport) -> String {
     let SensorReport {
@@ -512,16 +522,16 @@ fn sensors_line(report: &SensorReport) -> String {
     } = report;
     let either = |good: bool, yes: &'static str, no: &'static str| if good { yes } else { no };
     format!(
-        "{:5} {:5} {:5} {:4} {:7.4} {:7.4} {:7.4} {:7.1} {:7.3} {:4} {:6} {:3}",
+        "{:5} {:5} {:5} {:4} {} {} {} {} {} {:4} {:6} {:3}",
         raw.encoder[0],
         raw.encoder[1],
         raw.force,
         raw.strain,
-        m.angle[0],
-        m.angle[1],
-        m.root_slope,
-        m.root_slope_rate,
-        m.force,
+        column(m.angle[0], 7, 4),
+        column(m.angle[1], 7, 4),
+        column(m.root_slope, 7, 4),
+        column(m.root_slope_rate, 7, 1),
+        column(m.force, 7, 3),
         either(interlocks.stop_released, "free", "STOP"),
         either(interlocks.drives_well, "well", "FAULTY"),
         either(raw.fresh, "yes", "NO"),
@@ -569,7 +579,8 @@ fn follow(board: &mut Processor, json: bool, bar: &ProgressBar) -> Result<(), Cl
         }
         std::thread::sleep(FOLLOW);
     }
-    bar.abandon();
+    // The terminal's own "^C" has pushed the last record up, out of the bar's reach.
+    bar.finish_and_clear();
     Ok(())
 }
 
@@ -699,8 +710,8 @@ mod tests {
                 fresh: false,
             },
             measured: Measurement {
-                angle: [-9.9999; 2],
-                root_slope: -0.5,
+                angle: [-9.9999, -9635.25],
+                root_slope: f32::NEG_INFINITY,
                 root_slope_rate: -2500.0,
                 force: -20.0,
                 ..Measurement::default()
