@@ -671,15 +671,20 @@ fn abuse_of_the_link_is_counted_and_survived() {
     assert!(count(after.frame_errors) > count(errors) + 20);
     assert_eq!(after.mode, Mode::Disarmed);
 
-    // A flood: more good frames than the receive queue holds, without waiting for answers.
-    const FLOOD: usize = 1000;
-    let status = encode(&Request::Status, &mut frame).unwrap().repeat(FLOOD);
-    processor.write(&status, "nothing").unwrap();
-    for _ in 0..FLOOD {
-        let Reply::Status(status) = processor.reply("status").unwrap() else {
-            panic!("another answer than to a status");
-        };
-        assert_eq!(status.bytes_lost, after.bytes_lost);
+    // A flood: as many good frames at a time as the receive queue holds, 512 bytes. Of more
+    // without a pause bytes are lost, and counted, when QEMU hands them over faster than it
+    // lets the firmware's main loop run, as on a machine with much else to do.
+    const FRAMES: usize = 50;
+    let status = encode(&Request::Status, &mut frame).unwrap().repeat(FRAMES);
+    assert!((400..512).contains(&status.len()));
+    for _ in 0..20 {
+        processor.write(&status, "nothing").unwrap();
+        for _ in 0..FRAMES {
+            let Reply::Status(status) = processor.reply("status").unwrap() else {
+                panic!("another answer than to a status");
+            };
+            assert_eq!(status.bytes_lost, after.bytes_lost);
+        }
     }
 
     // And it still works.
