@@ -21,8 +21,17 @@ fn main() {
     println!("cargo:rerun-if-env-changed=FLEXOR_GIT");
     let git = env::var("FLEXOR_GIT").unwrap_or_default();
     let number = u32::from_str_radix(git.trim_end_matches('+'), 16).unwrap_or(0);
+    let version = ["MAJOR", "MINOR", "PATCH"].map(|part| {
+        let variable = format!("CARGO_PKG_VERSION_{part}");
+        let number = env::var(&variable).expect("cargo sets the package's version");
+        number
+            .parse::<u16>()
+            .unwrap_or_else(|error| panic!("{variable} is {number}: {error}"))
+    });
     let identity = format!(
-        "/// First 4 bytes of the git commit; 0 outside a repository.\n\
+        "/// The package's version: major, minor, patch.\n\
+         pub const VERSION: [u16; 3] = {version:?};\n\
+         /// First 4 bytes of the git commit; 0 outside a repository.\n\
          pub const GIT: [u8; 4] = {:?};\n\
          /// Whether the sources differed from it.\n\
          pub const MODIFIED: bool = {};\n",

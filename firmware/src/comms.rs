@@ -9,7 +9,7 @@ use shared::controller::Controller;
 use shared::link::{
     FRAME_MAX, FrameErrors, Identity, Reply, Request, Setup, StartReason, Status, encode,
 };
-use shared::safety::{Refusal, may_arm};
+use shared::safety::{Refusal, may_arm, table_to_arm};
 use shared::slot::{Slot, TableIdentity};
 use shared::table::Table;
 
@@ -54,6 +54,7 @@ impl Comms {
             table.map(|table| TableIdentity::from(&table))
         });
         Reply::Identity(Identity {
+            version: identity::VERSION,
             git: identity::GIT,
             modified: identity::MODIFIED,
             arm_fingerprint,
@@ -79,7 +80,11 @@ impl Comms {
         let done = match *request {
             Request::Hello => return self.identity(),
             Request::Status => return status(control, lost),
-            Request::Arm => self.arm(control),
+            Request::Sensors => return Reply::Sensors(control.lock(|c| c.sensors())),
+            Request::Arm { slot } => match self.arm(slot, control) {
+                Ok((slot, table)) => return Reply::Armed { slot, table },
+                Err(refusal) => Err(refusal),
+            },
             Request::Disarm => {
                 control.lock(Control::disarm);
                 // If the timer rested for lock-step, this tick starts it again.
@@ -124,26 +129,24 @@ impl Comms {
         }
     }
 
-    /// The slots' preferred usable table.
-    fn table(&self, setup: &Setup) -> Result<Table<'static>, Refusal> {
-        let fingerprint = setup.arm.fingerprint();
-        slots::open(Slot::A, fingerprint)
-            .or_else(|a| slots::open(Slot::B, fingerprint).map_err(|b| Refusal::NoTable(a, b)))
-    }
-
-    fn arm(&mut self, control: &mut impl Mutex<T = Control<'static>>) -> Result<(), Refusal> {
+    fn arm(
+        &mut self,
+        slot: Option<Slot>,
+        control: &mut impl Mutex<T = Control<'static>>,
+    ) -> Result<(Slot, TableIdentity), Refusal> {
         if control.lock(|c| c.report().0) != Mode::Disarmed {
             return Err(Refusal::Busy);
         }
         let setup = self.setup.ok_or(Refusal::NoSetup)?;
-        let table = self.table(&setup)?;
+        let fingerprint = setup.arm.fingerprint();
+        let (slot, table) = table_to_arm(slot, |slot| slots::open(slot, fingerprint))?;
         let first_row = table.cursor().reference();
         let (latched, interlocks, measured) = control.lock(|c| c.standing());
         may_arm(&SAFETY, latched, interlocks, measured.as_ref(), &first_row)?;
         self.prepare(&table, &setup)?;
         control.lock(|c| c.arm(&mut self.prepared));
-        defmt::info!("armed");
-        Ok(())
+        defmt::info!("armed, slot {}: table {=u32:#x}", slot, table.crc());
+        Ok((slot, TableIdentity::from(&table)))
     }
 
     fn start_lock_step(

@@ -5,6 +5,7 @@
 //! early); 2 the command line or a file is at fault.
 
 mod accuracy;
+mod board;
 mod demo;
 mod gains;
 mod plan;
@@ -16,8 +17,9 @@ use crate::closed_loop::{Outcome, Run, RunError};
 use crate::config::{self, ArmConfig, ConfigError};
 use crate::export;
 use crate::message::{Short, enough, near};
-use crate::pil::{self, Emulation, Logs, PilError, PilRun, Processor};
+use crate::pil::{self, PilError, PilRun};
 use crate::plan::{PlanError, Task};
+use crate::processor::{Processor, ProcessorError};
 use crate::ranges::RangeError;
 use crate::report;
 use crate::stability::StabilityError;
@@ -31,6 +33,7 @@ use std::ffi::OsString;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// Plans an elastic arm's motion along a surface and simulates it under the firmware's
 /// own controller.
@@ -78,6 +81,12 @@ enum Command {
         after_help = "Example: host-sim pil --task examples/task_fast.toml --plant examples/plant_soft.toml --out out/pil\n\n`cargo xtask setup` installs QEMU, `cargo xtask firmware` builds the image. Writes what run writes. The firmware's log goes to standard error. Exit code 1 if a command differs."
     )]
     Pil(PilArgs),
+    /// Talks to a board on a serial port, or to the firmware's image in QEMU: who it is, what
+    /// its sensors say, arm, disarm.
+    #[command(
+        after_help = "Example: host-sim board sensors --port /dev/ttyUSB0 --follow\n\nWithout --port the image in QEMU, whose stop reads as pressed. The firmware's log goes to standard error. Exit codes: 0 done; 1 refused, failed, or stopped before the table's end; 2 command line, port or image at fault."
+    )]
+    Board(board::BoardArgs),
 }
 
 /// Files and places that every command takes.
@@ -105,12 +114,8 @@ struct Common {
 struct PilArgs {
     #[command(flatten)]
     simulation: SimulationArgs,
-    /// The firmware's image: what QEMU boots, and the log's symbols
-    #[arg(long, value_name = "FILE", default_value = pil::DEFAULT_ELF)]
-    elf: PathBuf,
-    /// A board on this serial port instead of QEMU
-    #[arg(long, value_name = "PORT")]
-    port: Option<String>,
+    #[command(flatten)]
+    connection: board::ConnectionArgs,
     /// After the run compare this many measurements of arbitrary bits
     #[arg(long, value_name = "N", default_value_t = 0)]
     random: u32,
@@ -188,6 +193,8 @@ enum CliError {
     },
     #[error(transparent)]
     Pil(#[from] PilError),
+    #[error(transparent)]
+    Board(#[from] board::BoardError),
     #[error(
         "{differing} of {ticks} commands differ from the simulator's, the first at tick {first}"
     )]
@@ -230,15 +237,18 @@ impl CliError {
             | Self::Range(_)
             | Self::Run(_)
             | Self::Pil(
-                PilError::NoImage { .. }
-                | PilError::NoLogTable { .. }
-                | PilError::TickRate { .. }
-                | PilError::TableTooLong { .. }
+                PilError::TickRate { .. }
                 | PilError::OtherTable { .. }
-                | PilError::Port { .. }
-                | PilError::Refused(_)
-                | PilError::Run(_),
+                | PilError::Run(_)
+                | PilError::Processor(
+                    ProcessorError::NoImage { .. }
+                    | ProcessorError::NoLogTable { .. }
+                    | ProcessorError::TableTooLong { .. }
+                    | ProcessorError::Port { .. }
+                    | ProcessorError::Refused(_),
+                ),
             ) => 2,
+            Self::Board(error) => error.exit_code(),
             // No gains found, or the optimiser's failure, is none of the user's.
             Self::Stability(StabilityError::NotTuned { .. } | StabilityError::Optimiser(_)) => 1,
             Self::Stability(_) => 2,
@@ -277,6 +287,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Some(Command::Gains(args)) => gains::command(&args),
         Some(Command::Accuracy(args)) => accuracy::accuracy(&args),
         Some(Command::Pil(args)) => pil_command(&args),
+        Some(Command::Board(args)) => board::board(&args),
     };
     match result {
         Ok(()) => 0,
@@ -361,6 +372,9 @@ fn print(text: impl std::fmt::Display) -> Result<(), CliError> {
     writeln!(io::stdout(), "{text}").map_err(CliError::Stdout)
 }
 
+/// Longest wait of `pil` for a board's answer. A run is not lost to a hiccup of the line.
+const PORT_PATIENCE: Duration = Duration::from_secs(10);
+
 fn pil_command(args: &PilArgs) -> Result<(), CliError> {
     let simulation = args.simulation.prepare()?;
     let Simulation {
@@ -375,27 +389,10 @@ fn pil_command(args: &PilArgs) -> Result<(), CliError> {
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} ticks, {eta} left") {
         progress.set_style(style);
     }
-    let bar = progress.clone();
-    let logs = Logs::new(&args.elf, move |line| {
-        bar.suspend(|| say(format_args!("firmware: {line}")));
-    });
-    let mut processor = match &args.port {
-        // A board can do without the image; its log cannot be read then.
-        Some(port) => {
-            if let Err(error) = &logs {
-                say(format_args!("no log: {error}"));
-            }
-            Processor::on_port(port, logs.ok())?
-        }
-        None => {
-            let emulation = Emulation {
-                elf: &args.elf,
-                table_b: Some(image),
-                accesses: None,
-            };
-            Processor::emulated(&emulation, Some(logs?))?
-        }
-    };
+    let mut processor = args
+        .connection
+        .open(Some(image), PORT_PATIENCE, &progress)
+        .map_err(PilError::from)?;
     let pil = pil::run(&mut processor, plan, image, options, |_| progress.inc(1))?;
     let setup = Setup {
         arm: plan.model.arm,
@@ -449,6 +446,7 @@ fn pil_command(args: &PilArgs) -> Result<(), CliError> {
 fn pil_json(processor: &Processor, pil: &PilRun) -> Map<String, Value> {
     let spread = pil.counts_spread();
     let [min, median, max] = spread.map(|counts| processor.instructions(counts));
+    let (version, git) = board::firmware(processor.identity());
     let [cycles_min, cycles_median, cycles_max] = spread.map(|counts| processor.cycles(counts));
     export::object([
         ("differing_commands", json!(pil.differing_commands)),
@@ -461,7 +459,8 @@ fn pil_json(processor: &Processor, pil: &PilRun) -> Map<String, Value> {
         ("cycles_max", json!(cycles_max)),
         ("wall_s", json!(pil.wall_s)),
         ("slot", json!(format!("{:?}", pil.slot))),
-        ("firmware_git", json!(firmware(processor))),
+        ("firmware_version", json!(version)),
+        ("firmware_git", json!(git)),
         ("stack_bytes", json!(pil.status.stack_bytes)),
     ])
 }
@@ -469,6 +468,7 @@ fn pil_json(processor: &Processor, pil: &PilRun) -> Map<String, Value> {
 /// The same as facts for a reader.
 fn pil_facts(processor: &Processor, pil: &PilRun) -> Vec<(String, String)> {
     let identity = processor.identity();
+    let (version, git) = board::firmware(identity);
     let spread = pil.counts_spread();
     let [min, median, max] = spread.map(|c| processor.instructions(c).or(processor.cycles(c)));
     let unit = match processor.instructions(0) {
@@ -480,11 +480,8 @@ fn pil_facts(processor: &Processor, pil: &PilRun) -> Vec<(String, String)> {
         (
             "firmware",
             format!(
-                "{}, clock {:?}, started: {:?}, table in slot {:?}",
-                firmware(processor),
-                identity.clock,
-                identity.start,
-                pil.slot
+                "{version} ({git}), clock {:?}, started: {:?}, table in slot {:?}",
+                identity.clock, identity.start, pil.slot
             ),
         ),
         (
@@ -514,13 +511,6 @@ fn pil_facts(processor: &Processor, pil: &PilRun) -> Vec<(String, String)> {
     ]
     .map(|(name, fact)| (name.to_string(), fact))
     .to_vec()
-}
-
-/// The commit that the firmware was built from.
-fn firmware(processor: &Processor) -> String {
-    let identity = processor.identity();
-    let git = u32::from_be_bytes(identity.git);
-    format!("{git:08x}{}", if identity.modified { "+" } else { "" })
 }
 
 fn controller(file: Option<&Path>) -> Result<LawParameters, CliError> {

@@ -18,7 +18,8 @@
 //! | [`stability`] | the sampled loop along the path, margins, tuning |
 //! | [`ranges`] | range analysis for fixed point |
 //! | [`accuracy`] | how exact f32 and fixed point are |
-//! | [`pil`] | the firmware's image in QEMU, or a board, in that loop |
+//! | [`processor`] | the firmware's image in QEMU, or a board: requests and answers |
+//! | [`pil`] | a processor in that loop |
 //! | [`cases`] | the demo's cases |
 //! | [`export`], [`report`] | results as CSV and JSON, pictures and a page |
 //! | [`cli`] | the command line |
@@ -38,6 +39,7 @@ pub mod model;
 pub mod pil;
 pub mod plan;
 pub mod plant;
+pub mod processor;
 pub mod ranges;
 pub mod report;
 pub mod stability;

@@ -10,7 +10,7 @@ use crate::controller::Controller;
 use crate::guard::{Fault, Limiting};
 use crate::law::Measurement;
 use crate::safety::{Interlocks, SafetyLimits, Watch};
-use crate::sensing::{Calibration, Sensing};
+use crate::sensing::{Calibration, RawSample, Sensing};
 use serde::{Deserialize, Serialize};
 
 /// What the microcontroller is doing.
@@ -41,6 +41,17 @@ pub struct TickReply {
     pub counts: u32,
 }
 
+/// What the last tick found at the board's inputs, in any mode.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SensorReport {
+    /// Counts, and whether the conversions were new.
+    pub raw: RawSample,
+    /// What they mean; `drive` is always [`Limiting::No`], as no drive says that it limits.
+    pub measured: Measurement<f32>,
+    /// Emergency stop and drives.
+    pub interlocks: Interlocks,
+}
+
 /// A place for a controller. There are two, the tick's and the one in which the main loop
 /// prepares the next.
 pub type Prepared<'a> = Option<Controller<'a, f32>>;
@@ -68,8 +79,6 @@ pub struct Control<'a> {
     fault: Option<Fault>,
     /// What the sensors said last.
     measured: Measurement<f32>,
-    /// Whether that was new at the last tick.
-    fresh: bool,
     interlocks: Interlocks,
     /// A measurement from the host.
     inbox: Measurement<f32>,
@@ -92,7 +101,11 @@ impl<'a> Control<'a> {
         calibration: &Calibration,
         tick_rate_hz: u32,
     ) -> Self {
-        let first = board.sensors.sample();
+        // Of before the first tick's conversions, so not fresh at any of them.
+        let first = RawSample {
+            fresh: false,
+            ..board.sensors.sample()
+        };
         *place = None;
         Self {
             mode: Mode::Disarmed,
@@ -102,7 +115,6 @@ impl<'a> Control<'a> {
             watch: Watch::new(limits),
             fault: None,
             measured: Measurement::default(),
-            fresh: false,
             interlocks: Interlocks {
                 stop_released: false,
                 drives_well: false,
@@ -137,7 +149,6 @@ impl<'a> Control<'a> {
         let timer = board.timebase.acknowledge();
         let raw = board.sensors.sample();
         self.measured = self.sensing.measure(&raw);
-        self.fresh = raw.fresh;
         self.interlocks = board.drives.interlocks();
         self.ticks_total = self.ticks_total.wrapping_add(1);
         let lock_step = self.mode == Mode::LockStep;
@@ -183,6 +194,8 @@ impl<'a> Control<'a> {
         core::mem::swap(&mut self.controller, prepared);
         self.watch = Watch::new(&self.limits);
         self.late = false;
+        // Until the first tick a report must not show where the run before ended.
+        self.outbox.tick = 0;
         self.mode = Mode::Armed;
     }
 
@@ -195,6 +208,7 @@ impl<'a> Control<'a> {
     pub fn start_lock_step(&mut self, prepared: &mut &'a mut Prepared<'a>) {
         core::mem::swap(&mut self.controller, prepared);
         self.inbox_full = false;
+        self.outbox.tick = 0;
         self.mode = Mode::LockStep;
     }
 
@@ -237,8 +251,18 @@ impl<'a> Control<'a> {
         (
             self.fault,
             self.interlocks,
-            self.fresh.then_some(self.measured),
+            self.sensing.raw().fresh.then_some(self.measured),
         )
+    }
+
+    /// What the last tick sampled. Before the first tick: the sample at start, and nothing
+    /// fresh, released or well.
+    pub fn sensors(&self) -> SensorReport {
+        SensorReport {
+            raw: *self.sensing.raw(),
+            measured: self.measured,
+            interlocks: self.interlocks,
+        }
     }
 
     /// Mode, tick of the table, latched fault, ticks since start, longest tick in
@@ -509,6 +533,55 @@ mod tests {
             rig.control.acknowledge();
             assert_eq!(rig.control.standing().0, None);
         }
+    }
+
+    #[test]
+    fn sensors_and_interlocks_are_reported_in_every_mode() {
+        let mut rig = Rig::new();
+        let report = rig.control.sensors();
+        assert!(!report.raw.fresh && !report.interlocks.stop_released);
+        let modes: [fn(&mut Rig); 3] = [
+            |_| {},
+            |rig| rig.control.arm(&mut rig.prepared),
+            |rig| rig.control.start_lock_step(&mut rig.prepared),
+        ];
+        for (i, mode) in modes.into_iter().enumerate() {
+            mode(&mut rig);
+            let count = 2100 + i as u16;
+            rig.board.sensors.sample = RawSample {
+                encoder: [count, 1],
+                force: 2148,
+                strain: count,
+                fresh: i != 0,
+            };
+            rig.board.drives.interlocks = Some(Interlocks {
+                stop_released: true,
+                drives_well: i != 2,
+            });
+            rig.tick();
+            let report = rig.control.sensors();
+            assert_eq!(report.raw, rig.board.sensors.sample);
+            assert_eq!(Some(report.interlocks), rig.board.drives.interlocks);
+            assert!((report.measured.force - 1.0).abs() < 1e-6);
+            let slope = (f32::from(count) - 2048.0) * 1e-3;
+            assert!((report.measured.root_slope - slope).abs() < 1e-6);
+            assert_eq!(rig.control.standing().2.is_some(), i != 0, "fresh");
+        }
+    }
+
+    #[test]
+    fn armed_again_it_reports_the_tables_first_tick_at_once() {
+        let mut rig = Rig::armed();
+        rig.tick();
+        rig.tick();
+        assert_eq!(rig.control.report().1, 2);
+        rig.control.disarm();
+        rig.tick();
+        *rig.prepared = Some(controller());
+        rig.control.arm(&mut rig.prepared);
+        assert_eq!(rig.control.report().1, 0);
+        rig.tick();
+        assert_eq!(rig.control.report().1, 0);
     }
 
     #[test]

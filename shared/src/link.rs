@@ -25,18 +25,22 @@
 //! low first, high bit set on all but the last); f32, f64 as their IEEE bits, little-endian
 //! (every NaN keeps its bits); arrays as their elements; an option as 0, or 1 and its value;
 //! a result as 0 and its value, or 1 and its error; an enum as its variant's index (varint)
-//! and the variant's fields; a [`Fault`] as its number, u8.
+//! and the variant's fields; a [`Fault`] as its number, u8. Slots are 0 (A) and 1 (B).
 //!
 //! | request | bytes |
 //! |---|---|
 //! | 0 hello | `00` |
 //! | 1 status | `01` |
-//! | 2 arm | `02` |
+//! | 2 arm | `02`, slot as option |
 //! | 3 disarm | `03` |
 //! | 4 acknowledge | `04` |
-//! | 5 start lock-step | `05`, slot (0 A, 1 B), [`Setup`] |
+//! | 5 start lock-step | `05`, slot, [`Setup`] |
 //! | 6 stop lock-step | `06` |
-//! | 7 measured | `07`, sequence varint, angle 2 x f32, root slope f32, root slope rate f32, force f32, drive 2 x ([`Limiting`](crate::guard::Limiting): 0 no, 1 from above, 2 from below) |
+//! | 7 measured | `07`, sequence varint, measurement |
+//! | 8 sensors | `08` |
+//!
+//! A [`Measurement`] is 22 bytes: angle 2 x f32, root slope f32, root slope rate f32, force
+//! f32, drive 2 x ([`Limiting`](crate::guard::Limiting): 0 no, 1 from above, 2 from below).
 //!
 //! A [`Setup`] is 158 bytes, or 8 more for each filter corner that is given: arm 11 x
 //! f64 and elbow (0 down, 1 up); law: `K_DF`, `K_PF`, `K_IF`, `K_w` f64, force filter
@@ -47,13 +51,23 @@
 //!
 //! | reply | bytes |
 //! |---|---|
-//! | 0 identity | `00`, [`Identity`] |
-//! | 1 status | `01`, [`Status`] |
+//! | 0 identity | `00`, [`Identity`]: firmware version 3 x u16 (varints), git 4 x u8, modified bool, arm fingerprint u32 as option, slots 2 x result of (table, [`SlotError`]), tick rate, core clock, stopwatch rate, counts per 1,000 nops (u32, varints), [`ClockSource`], [`StartReason`] |
+//! | 1 status | `01`, [`Status`]: [`Mode`], tick u32, fault as option, ticks since start, longest tick, stack (u32), [`FrameErrors`] 5 x u32, bytes lost, log entries lost (u32), all varints |
 //! | 2 done | `02` |
 //! | 3 refused | `03`, [`Refusal`] |
 //! | 4 command | `04`, sequence varint, tick varint, torque 2 x f32, limiting 2 x u8, fault number u8 as option, stopwatch counts varint |
 //! | 5 lock-step | `05`, table: CRC u32, arm fingerprint u32, ticks u32, varints |
 //! | 6 log | `06`, number of bytes u8 (as varint), and those: one entry of defmt's raw encoding (wire format 4), read with the symbols of the ELF |
+//! | 7 armed | `07`, slot, table as above |
+//! | 8 sensors | `08`, counts: encoders 2 x u16, force u16, strain u16 (varints), fresh bool; measurement; stop released bool, drives well bool |
+//!
+//! # Arming
+//!
+//! *arm* without a slot takes slot A's table, or slot B's where A has none that is usable;
+//! with a slot, that slot's and no other. *armed* names what runs from now on. Any request
+//! keeps an armed arm going, and 100 ms without one stop it; *status* is meant for that. At the
+//! table's end the tick stays at the table's number of ticks and the last torques hold
+//! until the host disarms.
 //!
 //! # Lock-step
 //!
@@ -64,7 +78,7 @@
 
 use crate::CRC32;
 use crate::arm::ArmParameters;
-use crate::control::{Mode, TickReply};
+use crate::control::{Mode, SensorReport, TickReply};
 use crate::guard::{Fault, LimitParameters};
 use crate::law::{LawParameters, Measurement};
 use crate::safety::Refusal;
@@ -73,7 +87,7 @@ use postcard::ser_flavors::{Cobs, Slice, crc::CrcModifier};
 use serde::{Deserialize, Serialize};
 
 /// Version of the protocol, first byte of every frame.
-pub const VERSION: u8 = 1;
+pub const VERSION: u8 = 2;
 
 /// Most bytes of a frame before COBS: version, message, CRC. COBS adds one byte to
 /// that, and the end one more.
@@ -119,8 +133,12 @@ pub enum Request {
     /// How are you? Answered by [`Reply::Status`]; keeps an armed arm from stopping with
     /// [`Fault::LinkTimeout`].
     Status,
-    /// Enable the drives and run the table from its first tick.
-    Arm,
+    /// Enable the drives and run a table from its first tick. Answered by
+    /// [`Reply::Armed`].
+    Arm {
+        /// Where the table is; `None` for slot A, or slot B where A has none that is usable.
+        slot: Option<Slot>,
+    },
     /// Drives off.
     Disarm,
     /// Forget the latched fault, when its cause has gone.
@@ -142,6 +160,9 @@ pub enum Request {
         /// What the simulated sensors say.
         measured: Measurement<f32>,
     },
+    /// What do the sensors and interlocks say? In any mode; answered by
+    /// [`Reply::Sensors`].
+    Sensors,
 }
 
 /// What the microcontroller answers.
@@ -163,6 +184,15 @@ pub enum Reply {
     LockStep(TableIdentity),
     /// Not an answer: an entry of the log.
     Log(LogEntry),
+    /// The drives are enabled, and this table runs.
+    Armed {
+        /// Where the table is.
+        slot: Slot,
+        /// Which it is.
+        table: TableIdentity,
+    },
+    /// What the last tick found.
+    Sensors(SensorReport),
 }
 
 /// Most bytes of a log entry.
@@ -215,6 +245,8 @@ pub enum StartReason {
 /// Who the microcontroller is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Identity {
+    /// The firmware's version: major, minor, patch.
+    pub version: [u16; 3],
     /// First 4 bytes of the firmware's git commit; 0 when built outside a repository.
     pub git: [u8; 4],
     /// True when the sources differed from that commit.
@@ -394,6 +426,8 @@ mod tests {
     use super::*;
     use crate::arm::Elbow;
     use crate::guard::Limiting;
+    use crate::safety::Interlocks;
+    use crate::sensing::RawSample;
     use proptest::prelude::*;
     use std::vec::Vec;
 
@@ -422,6 +456,12 @@ mod tests {
         },
     };
 
+    const TABLE: TableIdentity = TableIdentity {
+        crc: 0x1234,
+        arm_fingerprint: 1,
+        ticks: 10_000,
+    };
+
     fn frame<M: Serialize>(message: &M) -> Vec<u8> {
         encode(message, &mut [0; FRAME_MAX]).unwrap().to_vec()
     }
@@ -438,6 +478,11 @@ mod tests {
     }
 
     fn feed(receiver: &mut Receiver, bytes: &[u8]) -> Vec<Request> {
+        bytes.iter().filter_map(|b| receiver.push(*b)).collect()
+    }
+
+    fn replies(bytes: &[u8]) -> Vec<Reply> {
+        let mut receiver = Receiver::new();
         bytes.iter().filter_map(|b| receiver.push(*b)).collect()
     }
 
@@ -476,15 +521,86 @@ mod tests {
             VERSION, 4, 1, 0x90, 0x4e, 0, 0, 0, 0x80, 0, 0, 0xc0, 0x3f, 0, 1, 1, 20, 0x80, 1,
         ];
         assert_eq!(frame(&command), raw_frame(&body));
-        let begun = Reply::LockStep(TableIdentity {
-            crc: 0x1234,
-            arm_fingerprint: 1,
-            ticks: 10_000,
-        });
+        let begun = Reply::LockStep(TABLE);
         let body = [VERSION, 5, 0xb4, 0x24, 1, 0x90, 0x4e];
         assert_eq!(frame(&begun), raw_frame(&body));
         let entry = Reply::Log([7, 0, 255].into_iter().collect());
         assert_eq!(frame(&entry), raw_frame(&[VERSION, 6, 3, 7, 0, 255]));
+    }
+
+    #[test]
+    fn arming_and_its_answer_name_the_slot() {
+        for (slot, bytes) in [
+            (None, &[VERSION, 2, 0][..]),
+            (Some(Slot::A), &[VERSION, 2, 1, 0]),
+            (Some(Slot::B), &[VERSION, 2, 1, 1]),
+        ] {
+            assert_eq!(frame(&Request::Arm { slot }), raw_frame(bytes));
+        }
+        // The request of version 1, which had no slot.
+        let mut receiver = Receiver::new();
+        assert!(feed(&mut receiver, &raw_frame(&[VERSION, 2])).is_empty());
+        assert_eq!(receiver.errors().message, 1);
+        let armed = Reply::Armed {
+            slot: Slot::B,
+            table: TABLE,
+        };
+        let body = [VERSION, 7, 1, 0xb4, 0x24, 1, 0x90, 0x4e];
+        assert_eq!(frame(&armed), raw_frame(&body));
+    }
+
+    #[test]
+    fn sensors_and_interlocks_are_as_documented() {
+        assert_eq!(frame(&Request::Sensors), raw_frame(&[VERSION, 8]));
+        let report = Reply::Sensors(SensorReport {
+            raw: RawSample {
+                encoder: [1, 65_535],
+                force: 4095,
+                strain: 128,
+                fresh: true,
+            },
+            measured: Measurement {
+                angle: [1.0, -2.0],
+                root_slope: 0.5,
+                root_slope_rate: 0.0,
+                force: 1.5,
+                drive: [Limiting::No; 2],
+            },
+            interlocks: Interlocks {
+                stop_released: true,
+                drives_well: false,
+            },
+        });
+        let mut body = std::vec![VERSION, 8, 1, 0xff, 0xff, 3, 0xff, 0x1f, 0x80, 1, 1];
+        for value in [1.0_f32, -2.0, 0.5, 0.0, 1.5] {
+            body.extend(value.to_le_bytes());
+        }
+        body.extend([0, 0, 1, 0]);
+        assert_eq!(frame(&report), raw_frame(&body));
+        assert_eq!(replies(&frame(&report)), [report]);
+    }
+
+    #[test]
+    fn the_identity_is_as_documented() {
+        let identity = Reply::Identity(Identity {
+            version: [0, 1, 300],
+            git: [0xde, 0xad, 0, 1],
+            modified: true,
+            arm_fingerprint: Some(1),
+            slots: [Ok(TABLE), Err(SlotError::Crc)],
+            tick_rate_hz: 5000,
+            core_hz: 128,
+            stopwatch_hz: 64,
+            counts_per_1000_nops: 0,
+            clock: ClockSource::InternalPll,
+            start: StartReason::Panic { line: 2, file: 3 },
+        });
+        let body = [
+            VERSION, 0, 0, 1, 0xac, 0x02, 0xde, 0xad, 0, 1, 1, 1, 1, 0, 0xb4, 0x24, 1, 0x90, 0x4e,
+            1, 3, 0x88, 0x27, 0x80, 1, 64, 0, 1, 1, 2, 3,
+        ];
+        assert_eq!(frame(&identity), raw_frame(&body));
+        assert_eq!(replies(&frame(&identity)), [identity]);
     }
 
     #[test]
@@ -515,12 +631,7 @@ mod tests {
             bytes_lost: u32::MAX,
             logs_lost: u32::MAX,
         });
-        let mut receiver = Receiver::new();
-        let got: Vec<Reply> = frame(&status)
-            .iter()
-            .filter_map(|b| receiver.push(*b))
-            .collect();
-        assert_eq!(got, [status]);
+        assert_eq!(replies(&frame(&status)), [status]);
     }
 
     #[test]
@@ -531,7 +642,8 @@ mod tests {
             *count(&mut expect) += 1;
             assert!(feed(&mut receiver, bytes).is_empty());
             assert_eq!(receiver.errors(), expect);
-            assert_eq!(feed(&mut receiver, &frame(&Request::Arm)), [Request::Arm]);
+            let arm = Request::Arm { slot: None };
+            assert_eq!(feed(&mut receiver, &frame(&arm)), [arm]);
         };
         let mut long = std::vec![1; FRAME_MAX + 1];
         long.push(0);
@@ -539,6 +651,7 @@ mod tests {
         check(&[9, 1, 0], |e| &mut e.stuffing);
         check(&[3, 1, 2, 0], |e| &mut e.crc);
         check(&raw_frame(&[VERSION + 1, 0]), |e| &mut e.version);
+        check(&raw_frame(&[VERSION - 1, 0]), |e| &mut e.version);
         check(&raw_frame(&[VERSION, 99]), |e| &mut e.message);
         check(&raw_frame(&[VERSION, 0, 0]), |e| &mut e.message); // a byte too many
         check(&raw_frame(&[VERSION, 7, 1]), |e| &mut e.message); // too few

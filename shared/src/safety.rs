@@ -7,13 +7,13 @@
 
 use crate::guard::Fault;
 use crate::law::Measurement;
-use crate::slot::SlotError;
+use crate::slot::{Slot, SlotError};
 use crate::table::Reference;
 use core::fmt;
 use serde::{Deserialize, Serialize};
 
 /// The digital inputs that guard the drives. Wired so that a broken wire reads as bad.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Interlocks {
     /// The emergency stop is released.
     pub stop_released: bool,
@@ -94,6 +94,28 @@ fn standing(interlocks: Interlocks, fresh: bool) -> Option<Fault> {
         Some(Fault::SensorsStale)
     } else {
         None
+    }
+}
+
+/// The table to arm with, and its slot: the `wanted` slot's and no other, or without a wish
+/// slot A's, or slot B's where A has none that is usable. `open` opens a slot's table.
+///
+/// # Errors
+/// [`Refusal::Table`] for a wanted slot, [`Refusal::NoTable`] without a wish.
+pub fn table_to_arm<T>(
+    wanted: Option<Slot>,
+    mut open: impl FnMut(Slot) -> Result<T, SlotError>,
+) -> Result<(Slot, T), Refusal> {
+    if let Some(slot) = wanted {
+        let table = open(slot).map_err(Refusal::Table)?;
+        return Ok((slot, table));
+    }
+    match open(Slot::A) {
+        Ok(table) => Ok((Slot::A, table)),
+        Err(a) => match open(Slot::B) {
+            Ok(table) => Ok((Slot::B, table)),
+            Err(b) => Err(Refusal::NoTable(a, b)),
+        },
     }
 }
 
@@ -191,6 +213,31 @@ mod tests {
             root_slope: 0.18,
             ..Measurement::default()
         }
+    }
+
+    #[test]
+    fn without_a_wish_slot_a_comes_first_and_a_wish_is_never_replaced() {
+        type Slots = [Result<u8, SlotError>; 2];
+        let choose = |wanted, slots: Slots| {
+            table_to_arm(wanted, |slot| match slot {
+                Slot::A => slots[0],
+                Slot::B => slots[1],
+            })
+        };
+        let both: Slots = [Ok(1), Ok(2)];
+        let only_b: Slots = [Err(SlotError::Crc), Ok(2)];
+        let only_a: Slots = [Ok(1), Err(SlotError::Magic)];
+        let none: Slots = [Err(SlotError::Crc), Err(SlotError::Magic)];
+        let (a, b) = (Some(Slot::A), Some(Slot::B));
+        assert_eq!(choose(None, both), Ok((Slot::A, 1)));
+        assert_eq!(choose(None, only_b), Ok((Slot::B, 2)));
+        assert_eq!(choose(None, only_a), Ok((Slot::A, 1)));
+        let neither = Refusal::NoTable(SlotError::Crc, SlotError::Magic);
+        assert_eq!(choose(None, none), Err(neither));
+        assert_eq!(choose(a, both), Ok((Slot::A, 1)));
+        assert_eq!(choose(b, both), Ok((Slot::B, 2)));
+        assert_eq!(choose(a, only_b), Err(Refusal::Table(SlotError::Crc)));
+        assert_eq!(choose(b, only_a), Err(Refusal::Table(SlotError::Magic)));
     }
 
     #[test]

@@ -15,9 +15,10 @@
 
 use crate::guard::Limiting;
 use crate::law::Measurement;
+use serde::{Deserialize, Serialize};
 
 /// Counts of one instant.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RawSample {
     /// Encoders of motor 1 and 2.
     pub encoder: [u16; 2],
@@ -47,7 +48,8 @@ pub struct Calibration {
 pub struct Sensing {
     calibration: Calibration,
     tick_rate: f32,
-    encoder: [u16; 2],
+    /// The last sample.
+    raw: RawSample,
     position: [i32; 2],
     root_slope: f32,
 }
@@ -58,7 +60,7 @@ impl Sensing {
         Self {
             calibration: *calibration,
             tick_rate: tick_rate_hz as f32,
-            encoder: first.encoder,
+            raw: *first,
             position: [0; 2],
             root_slope: Self::root_slope(calibration, first),
         }
@@ -70,6 +72,11 @@ impl Sensing {
         (f32::from(raw.strain) - calibration.slope_rad.1) * calibration.slope_rad.0
     }
 
+    /// The sample that was measured last.
+    pub fn raw(&self) -> &RawSample {
+        &self.raw
+    }
+
     /// The measurement of a sample; call it once a tick, whether the result is wanted or
     /// not.
     #[inline]
@@ -78,11 +85,13 @@ impl Sensing {
         let root_slope = Self::root_slope(c, raw);
         let before = core::mem::replace(&mut self.root_slope, root_slope);
         let motor = [0, 1].map(|i| {
-            let step = raw.encoder[i].wrapping_sub(self.encoder[i]).cast_signed();
+            let step = raw.encoder[i]
+                .wrapping_sub(self.raw.encoder[i])
+                .cast_signed();
             self.position[i] = self.position[i].wrapping_add(i32::from(step));
             c.home_rad[i] + self.position[i] as f32 * c.encoder_rad[i]
         });
-        self.encoder = raw.encoder;
+        self.raw = *raw;
         Measurement {
             angle: [motor[0], motor[0] + motor[1] - root_slope],
             root_slope,
@@ -124,6 +133,7 @@ mod tests {
             strain: 2110,
             ..first
         });
+        assert_eq!(sensing.raw().strain, 2110);
         assert!((m.angle[0] - 0.51).abs() < 1e-6);
         assert!((m.angle[1] - (0.51 - 0.98 - 0.11)).abs() < 1e-6);
         assert!((m.root_slope_rate - 10.0).abs() < 1e-3);

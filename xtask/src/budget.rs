@@ -8,7 +8,8 @@ use crate::image::{
 use crate::{cores, demo, firmware, root};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use host_sim::pil::{self, Emulation, Processor};
+use host_sim::pil;
+use host_sim::processor::{Emulation, Processor};
 use serde::{Deserialize, Serialize};
 use shared::slot::Slot;
 use std::fs;

@@ -26,6 +26,10 @@ pub(crate) fn test() -> Result<()> {
             "tests",
             "--test",
             "firmware",
+            "--package",
+            "host-sim",
+            "--test",
+            "board",
             "--",
             "--ignored",
         ])

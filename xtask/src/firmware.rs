@@ -1,10 +1,11 @@
 //! Builds the one ELF that is flashed and that QEMU boots: image, setup and table.
 
-use crate::demo::Demo;
+use crate::demo::{Demo, Files, TICK_RATE_HZ};
 use crate::setup::{TARGET, Toolchain};
 use crate::{demo, image, output, root, run};
-use anyhow::{Context, Result};
-use clap::Args;
+use anyhow::{Context, Result, ensure};
+use clap::{Args, ValueEnum};
+use host_sim::processor::{SLOT_ADDRESSES, SLOT_BYTES};
 use shared::table::Table;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -15,13 +16,14 @@ pub(crate) fn target_folder() -> PathBuf {
     env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
 }
 
-/// cargo with `verb` for the firmware's image, told where its table is.
-pub(crate) fn cargo(verb: &str) -> Result<Command> {
+/// cargo with `verb` for the firmware's image around these files, told where table and setup
+/// are.
+fn cargo(verb: &str, files: &Files) -> Result<Command> {
     let toolchain = Toolchain::find()
         .with_context(|| format!("no toolchain has {TARGET}: run `cargo xtask setup`"))?;
     let out = target_folder().join("firmware");
     fs::create_dir_all(&out)?;
-    let Demo { table, setup, .. } = demo::demo()?;
+    let Demo { table, setup, .. } = demo::plan_files(files)?;
     let mut buffer = [0; 256];
     let setup = setup.encode(&mut buffer)?;
     let mut command = toolchain.command("cargo");
@@ -52,9 +54,15 @@ fn git() -> String {
     format!("{short}{}", if clean { "" } else { "+" })
 }
 
-/// Builds the image; returns the ELF's path.
+/// Builds the image around the examples; returns the ELF's path.
 pub(crate) fn build() -> Result<PathBuf> {
-    run(&mut cargo("build")?)?;
+    build_with(&Files::default())
+}
+
+/// Builds the image around these files; returns the ELF's path, which is always the same: the
+/// image that was built last is the one that is there.
+pub(crate) fn build_with(files: &Files) -> Result<PathBuf> {
+    run(&mut cargo("build", files)?)?;
     Ok(elf())
 }
 
@@ -66,22 +74,31 @@ fn elf() -> PathBuf {
 
 /// Lints the image's sources.
 pub(crate) fn clippy() -> Result<()> {
-    run(cargo("clippy")?.args(["--", "-D", "warnings"]))
+    run(cargo("clippy", &Files::default())?.args(["--", "-D", "warnings"]))
 }
 
 /// Options of the verb `flash`.
 #[derive(Args)]
 pub(crate) struct FlashOptions {
-    /// Write this table image alone, into slot B (a file `table.bin` of host-sim).
-    #[arg(long, value_name = "FILE")]
+    #[command(flatten)]
+    files: Files,
+    /// Write this table image alone (a file `table.bin` of host-sim), and not the firmware.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["arm", "task", "controller"])]
     table: Option<PathBuf>,
+    /// Where to write that table; `host-sim board arm --slot` runs it.
+    #[arg(long, value_enum, default_value_t = SlotArg::B, requires = "table")]
+    slot: SlotArg,
     /// Only say what would be written, and by which command.
     #[arg(long)]
     list: bool,
 }
 
-/// Start of table slot B, as in `memory.x`.
-const SLOT_B: &str = "0x08040000";
+/// A table's place in flash.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum SlotArg {
+    A,
+    B,
+}
 
 /// Builds the image and writes it, table included, to a board: the file that `pil` boots.
 pub(crate) fn flash(options: &FlashOptions) -> Result<()> {
@@ -89,13 +106,13 @@ pub(crate) fn flash(options: &FlashOptions) -> Result<()> {
     probe.args(["download", "--chip", "STM32F405RGTx", "--verify"]);
     let file = match &options.table {
         Some(table) => {
-            let bytes =
-                fs::read(table).with_context(|| format!("cannot read {}", table.display()))?;
-            Table::open(&bytes).with_context(|| format!("{} is no table", table.display()))?;
-            probe.args(["--binary-format", "bin", "--base-address", SLOT_B]);
+            check_table(table)?;
+            let address = SLOT_ADDRESSES[options.slot as usize];
+            probe.args(["--binary-format", "bin", "--base-address"]);
+            probe.arg(format!("{address:#010x}"));
             table.clone()
         }
-        None => build()?,
+        None => build_with(&options.files)?,
     };
     probe.arg(&file);
     if options.list {
@@ -117,10 +134,29 @@ pub(crate) fn flash(options: &FlashOptions) -> Result<()> {
     run(&mut probe).context("probe-rs comes with `cargo install probe-rs-tools`")
 }
 
+/// Makes sure that a file is a table that the firmware would take from a slot, but for the
+/// arm: only the board knows that.
+fn check_table(file: &Path) -> Result<()> {
+    let name = file.display();
+    let bytes = fs::read(file).with_context(|| format!("cannot read {name}"))?;
+    let table = Table::open(&bytes).with_context(|| format!("{name} is no table"))?;
+    let rate = table.header().tick_rate_hz;
+    ensure!(
+        rate == TICK_RATE_HZ,
+        "{name}: {rate} ticks a second, the firmware's timer has {TICK_RATE_HZ}: plan with --tick-rate-hz {TICK_RATE_HZ}"
+    );
+    let length = bytes.len();
+    ensure!(
+        length <= SLOT_BYTES,
+        "{name}: {length} bytes, a slot takes {SLOT_BYTES}: a shorter duration_s is accepted"
+    );
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use host_sim::pil::DEFAULT_ELF;
+    use host_sim::processor::DEFAULT_ELF;
 
     #[test]
     fn what_is_flashed_is_what_pil_boots_by_itself() {
@@ -129,8 +165,36 @@ mod tests {
     }
 
     #[test]
-    fn slot_b_is_where_the_memory_map_has_it() {
+    fn the_slots_are_where_the_memory_map_has_them() {
         let map = fs::read_to_string(root().join("memory.x")).unwrap();
-        assert!(map.contains(&format!("TABLE_B : ORIGIN = {SLOT_B}, LENGTH = 128K")));
+        for (name, address) in ["TABLE_A", "TABLE_B"].into_iter().zip(SLOT_ADDRESSES) {
+            let length = SLOT_BYTES / 1024;
+            let region = format!("{name} : ORIGIN = {address:#010x}, LENGTH = {length}K");
+            assert!(map.contains(&region), "no {region}");
+        }
+    }
+
+    #[test]
+    fn only_a_table_for_the_firmwares_rate_is_flashed() {
+        let folder = env::temp_dir().join(format!("flexor-flash-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let file = folder.join("table.bin");
+        let mut image = demo::demo().unwrap().table.image;
+        fs::write(&file, &image).unwrap();
+        check_table(&file).unwrap();
+        // Another rate, with a good checksum.
+        image[12..16].copy_from_slice(&4000_u32.to_le_bytes());
+        let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+        let mut digest = crc.digest();
+        digest.update(&image[..44]);
+        digest.update(&image[48..]);
+        image[44..48].copy_from_slice(&digest.finalize().to_le_bytes());
+        fs::write(&file, &image).unwrap();
+        let words = check_table(&file).unwrap_err().to_string();
+        assert!(words.contains("table.bin: 4000 ticks"), "{words}");
+        fs::write(&file, [0xff; 100]).unwrap();
+        let words = check_table(&file).unwrap_err().to_string();
+        assert!(words.contains("table.bin is no table"), "{words}");
+        fs::remove_dir_all(folder).unwrap();
     }
 }

@@ -31,9 +31,17 @@ enum Verb {
         #[arg(long)]
         debian: bool,
     },
-    /// Plan the demo's table and build the firmware's image around it.
-    Firmware,
-    /// Build the image and write it and its table to a board (needs probe-rs).
+    /// Plan a table and build the firmware's image around it, its arm and its gains; without
+    /// files the demo's. Prints the image's path.
+    #[command(
+        after_help = "Example: cargo xtask firmware --arm my_arm.toml --task my_task.toml --controller my_gains.toml"
+    )]
+    Firmware(demo::Files),
+    /// Build the image, as `firmware` does, and write it and its table to a board (needs
+    /// probe-rs); or write a table alone.
+    #[command(
+        after_help = "Examples: cargo xtask flash --arm my_arm.toml --task my_task.toml\n          cargo xtask flash --table out/plan/table.bin --slot b"
+    )]
     Flash(firmware::FlashOptions),
     /// Build the image and run `host-sim pil` with it: QEMU, or a board, in the loop, every
     /// command compared bit by bit.
@@ -54,8 +62,8 @@ enum Verb {
 fn main() -> Result<()> {
     match Arguments::parse().verb {
         Verb::Setup { debian } => setup::setup(debian),
-        Verb::Firmware => {
-            println!("{}", firmware::build()?.display());
+        Verb::Firmware(files) => {
+            println!("{}", firmware::build_with(&files)?.display());
             Ok(())
         }
         Verb::Flash(options) => firmware::flash(&options),
