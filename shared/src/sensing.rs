@@ -42,14 +42,15 @@ pub struct Calibration {
     pub slope_rad: (f32, f32),
 }
 
-/// Turns samples into measurements.
+/// Follows the counts, in integers, and turns them into measurements where one is wanted.
 #[derive(Clone, Debug)]
 pub struct Sensing {
     calibration: Calibration,
-    tick_rate: f32,
-    encoder: [u16; 2],
+    /// Root slope rate a count from tick to tick, rad/s.
+    slope_rate: f32,
+    latest: RawSample,
     position: [i32; 2],
-    root_slope: f32,
+    strain_before: u16,
 }
 
 impl Sensing {
@@ -57,36 +58,42 @@ impl Sensing {
     pub fn new(calibration: &Calibration, tick_rate_hz: u32, first: &RawSample) -> Self {
         Self {
             calibration: *calibration,
-            tick_rate: tick_rate_hz as f32,
-            encoder: first.encoder,
+            slope_rate: calibration.slope_rad.0 * tick_rate_hz as f32,
+            latest: *first,
             position: [0; 2],
-            root_slope: Self::root_slope(calibration, first),
+            strain_before: first.strain,
         }
     }
 
-    /// Slope of link 2 at its root, rad.
+    /// Follows the counts to a new sample; call it once a tick, whether a measurement is
+    /// wanted or not.
     #[inline]
-    fn root_slope(calibration: &Calibration, raw: &RawSample) -> f32 {
-        (f32::from(raw.strain) - calibration.slope_rad.1) * calibration.slope_rad.0
+    pub fn follow(&mut self, raw: &RawSample) {
+        for i in 0..2 {
+            let step = raw.encoder[i].wrapping_sub(self.latest.encoder[i]);
+            self.position[i] = self.position[i].wrapping_add(i32::from(step.cast_signed()));
+        }
+        self.strain_before = self.latest.strain;
+        self.latest = *raw;
     }
 
-    /// The measurement of a sample; call it once a tick, whether the result is wanted or
-    /// not.
+    /// True when both conversions of the latest sample were new.
     #[inline]
-    pub fn measure(&mut self, raw: &RawSample) -> Measurement<f32> {
-        let c = &self.calibration;
-        let root_slope = Self::root_slope(c, raw);
-        let before = core::mem::replace(&mut self.root_slope, root_slope);
-        let motor = [0, 1].map(|i| {
-            let step = raw.encoder[i].wrapping_sub(self.encoder[i]).cast_signed();
-            self.position[i] = self.position[i].wrapping_add(i32::from(step));
-            c.home_rad[i] + self.position[i] as f32 * c.encoder_rad[i]
-        });
-        self.encoder = raw.encoder;
+    pub fn fresh(&self) -> bool {
+        self.latest.fresh
+    }
+
+    /// What the latest sample means.
+    #[inline]
+    pub fn measurement(&self) -> Measurement<f32> {
+        let (c, raw) = (&self.calibration, &self.latest);
+        let root_slope = (f32::from(raw.strain) - c.slope_rad.1) * c.slope_rad.0;
+        let stretch = i32::from(raw.strain) - i32::from(self.strain_before);
+        let motor = [0, 1].map(|i| c.home_rad[i] + self.position[i] as f32 * c.encoder_rad[i]);
         Measurement {
             angle: [motor[0], motor[0] + motor[1] - root_slope],
             root_slope,
-            root_slope_rate: (root_slope - before) * self.tick_rate,
+            root_slope_rate: stretch as f32 * self.slope_rate,
             force: (f32::from(raw.force) - c.force_n.1) * c.force_n.0,
             drive: [Limiting::No; 2],
         }
@@ -114,16 +121,18 @@ mod tests {
             fresh: true,
         };
         let mut sensing = Sensing::new(&CALIBRATION, 1000, &first);
-        let m = sensing.measure(&first);
+        sensing.follow(&first);
+        let m = sensing.measurement();
         assert!((m.angle[0] - 0.5).abs() < 1e-6);
         // theta20 = theta10 + motor2 - w'(0)
         assert!((m.angle[1] - (0.5 - 1.0 - 0.1)).abs() < 1e-6);
         assert!((m.force - 1.0).abs() < 1e-6 && m.root_slope_rate == 0.0);
-        let m = sensing.measure(&RawSample {
+        sensing.follow(&RawSample {
             encoder: [4, 65_533], // +10 and -10, both over the wrap
             strain: 2110,
             ..first
         });
+        let m = sensing.measurement();
         assert!((m.angle[0] - 0.51).abs() < 1e-6);
         assert!((m.angle[1] - (0.51 - 0.98 - 0.11)).abs() < 1e-6);
         assert!((m.root_slope_rate - 10.0).abs() < 1e-3);
@@ -137,7 +146,7 @@ mod tests {
             for step in steps {
                 position += step;
                 let raw = RawSample { encoder: [position as u16, 0], ..RawSample::default() };
-                sensing.measure(&raw);
+                sensing.follow(&raw);
                 prop_assert_eq!(sensing.position, [position, 0]);
             }
         }
