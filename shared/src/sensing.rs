@@ -8,7 +8,7 @@
 //!
 //! **Encoders** count 16 bits and wrap. The position is extended by the signed
 //! difference from tick to tick, right as long as less than 32,768 counts pass in one.
-//! They are incremental: position 0 is where the arm stood at start, the *home* pose.
+//! They are incremental: where the arm stood at start is the *home* pose.
 //!
 //! **Slope rate.** The backward difference of the root slope. A step of the converter
 //! shows in it as `step * rate`; the law's slope rate filter is what tames that.
@@ -48,20 +48,29 @@ pub struct Sensing {
     calibration: Calibration,
     /// Root slope rate a count from tick to tick, rad/s.
     slope_rate: f32,
-    latest: RawSample,
+    /// Positions at home.
+    home: [i32; 2],
+    /// Positions, whose low 16 bits are the encoders' counts.
     position: [i32; 2],
+    force: u16,
+    strain: u16,
     strain_before: u16,
+    fresh: bool,
 }
 
 impl Sensing {
     /// Begins at the home pose, where `first` was sampled.
     pub fn new(calibration: &Calibration, tick_rate_hz: u32, first: &RawSample) -> Self {
+        let home = first.encoder.map(i32::from);
         Self {
             calibration: *calibration,
             slope_rate: calibration.slope_rad.0 * tick_rate_hz as f32,
-            latest: *first,
-            position: [0; 2],
+            home,
+            position: home,
+            force: first.force,
+            strain: first.strain,
             strain_before: first.strain,
+            fresh: first.fresh,
         }
     }
 
@@ -70,31 +79,36 @@ impl Sensing {
     #[inline]
     pub fn follow(&mut self, raw: &RawSample) {
         for i in 0..2 {
-            let step = raw.encoder[i].wrapping_sub(self.latest.encoder[i]);
+            let step = raw.encoder[i].wrapping_sub(self.position[i] as u16);
             self.position[i] = self.position[i].wrapping_add(i32::from(step.cast_signed()));
         }
-        self.strain_before = self.latest.strain;
-        self.latest = *raw;
+        self.strain_before = self.strain;
+        self.strain = raw.strain;
+        self.force = raw.force;
+        self.fresh = raw.fresh;
     }
 
     /// True when both conversions of the latest sample were new.
     #[inline]
     pub fn fresh(&self) -> bool {
-        self.latest.fresh
+        self.fresh
     }
 
     /// What the latest sample means.
     #[inline]
     pub fn measurement(&self) -> Measurement<f32> {
-        let (c, raw) = (&self.calibration, &self.latest);
-        let root_slope = (f32::from(raw.strain) - c.slope_rad.1) * c.slope_rad.0;
-        let stretch = i32::from(raw.strain) - i32::from(self.strain_before);
-        let motor = [0, 1].map(|i| c.home_rad[i] + self.position[i] as f32 * c.encoder_rad[i]);
+        let c = &self.calibration;
+        let motor = [0, 1].map(|i| {
+            let counts = self.position[i].wrapping_sub(self.home[i]);
+            c.home_rad[i] + counts as f32 * c.encoder_rad[i]
+        });
+        let root_slope = (f32::from(self.strain) - c.slope_rad.1) * c.slope_rad.0;
+        let stretch = i32::from(self.strain) - i32::from(self.strain_before);
         Measurement {
             angle: [motor[0], motor[0] + motor[1] - root_slope],
             root_slope,
             root_slope_rate: stretch as f32 * self.slope_rate,
-            force: (f32::from(raw.force) - c.force_n.1) * c.force_n.0,
+            force: (f32::from(self.force) - c.force_n.1) * c.force_n.0,
             drive: [Limiting::No; 2],
         }
     }
