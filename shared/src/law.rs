@@ -23,7 +23,7 @@
 //! **Slope rate filter.** The slope rate passes a filter of the same kind before `K_w`.
 //! A root without hub inertia follows torque so fast that a sampled `K_w` large enough
 //! to damp the contact mode (some 5 Hz) makes the root itself unstable; a corner
-//! between the two keeps both.
+//! between the two keeps both. This filter starts from zero.
 //!
 //! **Anti-windup.** An increment of the integral is taken back when it pushed a joint
 //! farther into *any* limit behind the law: torque limit, torque-rate limit or a
@@ -220,12 +220,13 @@ struct Direct<T: Scalar> {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LawState<S> {
     /// Filtered force error, N; `None` before the first tick, which must not
-    /// differentiate the step from nothing, and without gains on it.
+    /// differentiate the step from nothing, and at all ticks without gains on it.
     pub filtered_error: Option<S>,
     /// K_IF times the force error's integral, N.
     pub integral: S,
-    /// Filtered root slope rate that K_w acts on, rad/s; `None` before the first tick.
-    pub filtered_slope_rate: Option<S>,
+    /// Filtered root slope rate that K_w acts on, rad/s; from zero on, so that a deviation
+    /// at the start does not make the torque jump.
+    pub filtered_slope_rate: S,
 }
 
 /// Torques that the law asks for, before any limit.
@@ -390,20 +391,14 @@ impl<T: Scalar> Law<T> {
         state.integral = T::accumulated(integral_before, increment, &mut saturations.integral);
         let mut correction = T::of_sum(state.integral);
         if let Some(direct) = &self.direct {
-            let (before, filtered) = low_pass(
-                &mut state.filtered_error,
-                direct.filter,
-                error,
-                &mut saturations.force,
-            );
+            let memory = state.filtered_error.get_or_insert(error.sum());
+            let (before, filtered) = low_pass(memory, direct.filter, error, &mut saturations.force);
             let count = &mut saturations.correction;
             correction = filtered
                 .minus(before, count)
                 .scaled(direct.derivative_per_tick, count)
                 .plus(filtered.scaled(direct.proportional, count), count)
                 .plus(correction, count);
-        } else {
-            state.filtered_error = None;
         }
 
         let (normal, count) = (reference.normal_angle, &mut saturations.angle);
@@ -480,27 +475,28 @@ fn lever<T: Scalar>(
     trig::sin(normal_angle.minus(angle, count), turn).scaled(length, count)
 }
 
-/// Passes `input` through a filter: its output before and now. The state is the output
+/// Passes `input` through a filter: its output before and now. The memory is the output
 /// without rounding, so that no input is too small to move it. Without a filter it is the
 /// input.
 #[inline]
 fn low_pass<T: Scalar>(
-    state: &mut Option<T::Sum>,
+    memory: &mut T::Sum,
     weight: Option<T::Weight>,
     input: T,
     count: &mut T::Count,
 ) -> (T, T) {
-    let sum = state.unwrap_or(input.sum());
-    let before = T::of_sum(sum);
-    let (sum, now) = match weight {
+    let before = T::of_sum(*memory);
+    let now = match weight {
         Some(weight) => {
             let step = input.minus(before, count).weighted(weight);
-            let sum = T::accumulated(sum, step, count);
-            (sum, T::of_sum(sum))
+            *memory = T::accumulated(*memory, step, count);
+            T::of_sum(*memory)
         }
-        None => (input.sum(), input),
+        None => {
+            *memory = input.sum();
+            input
+        }
     };
-    *state = Some(sum);
     (before, now)
 }
 
