@@ -77,8 +77,6 @@ pub struct Control<'a> {
     sensing: Sensing,
     watch: Watch,
     fault: Option<Fault>,
-    /// What the sensors said last.
-    measured: Measurement<f32>,
     interlocks: Interlocks,
     /// A measurement from the host.
     inbox: Measurement<f32>,
@@ -114,7 +112,6 @@ impl<'a> Control<'a> {
             sensing: Sensing::new(calibration, tick_rate_hz, &first),
             watch: Watch::new(limits),
             fault: None,
-            measured: Measurement::default(),
             interlocks: Interlocks {
                 stop_released: false,
                 drives_well: false,
@@ -148,33 +145,39 @@ impl<'a> Control<'a> {
         let begun = board.stopwatch.counts();
         let timer = board.timebase.acknowledge();
         let raw = board.sensors.sample();
-        self.measured = self.sensing.measure(&raw);
+        self.sensing.follow(&raw);
         self.interlocks = board.drives.interlocks();
         self.ticks_total = self.ticks_total.wrapping_add(1);
-        let lock_step = self.mode == Mode::LockStep;
-        if lock_step == timer {
-            // In lock-step the host gives the pace, else the timer.
-            board.timebase.run(!lock_step);
-        }
-        let input = match self.mode {
-            Mode::Disarmed => None,
-            Mode::Armed => Some(&self.measured),
-            Mode::LockStep => core::mem::take(&mut self.inbox_full).then_some(&self.inbox),
-        };
         let mut torque = None;
-        if let (Some(input), Some(controller)) = (input, self.controller.as_mut()) {
-            if !lock_step
-                && let Some(fault) = self.watch.tick(self.interlocks, raw.fresh, self.late)
-            {
-                controller.trip(fault);
+        match self.mode {
+            // The host gives the pace.
+            Mode::LockStep => {
+                if timer {
+                    board.timebase.run(false);
+                }
+                if core::mem::take(&mut self.inbox_full)
+                    && let Some(controller) = self.controller
+                {
+                    run(controller, &self.inbox, &mut self.outbox);
+                }
             }
-            run(controller, input, &mut self.outbox);
-            if !lock_step {
-                torque = Some(self.outbox.torque);
-                if self.outbox.fault.is_some() {
-                    torque = None;
-                    self.fault = self.outbox.fault;
-                    self.mode = Mode::Disarmed;
+            Mode::Armed | Mode::Disarmed => {
+                if !timer {
+                    board.timebase.run(true);
+                }
+                if self.mode == Mode::Armed
+                    && let Some(controller) = self.controller
+                {
+                    if let Some(fault) = self.watch.tick(self.interlocks, raw.fresh, self.late) {
+                        controller.trip(fault);
+                    }
+                    run(controller, &self.sensing.measurement(), &mut self.outbox);
+                    if self.outbox.fault.is_some() {
+                        self.fault = self.outbox.fault;
+                        self.mode = Mode::Disarmed;
+                    } else {
+                        torque = Some(self.outbox.torque);
+                    }
                 }
             }
         }
@@ -251,7 +254,7 @@ impl<'a> Control<'a> {
         (
             self.fault,
             self.interlocks,
-            self.sensing.raw().fresh.then_some(self.measured),
+            self.sensing.raw().fresh.then(|| self.sensing.measurement()),
         )
     }
 
@@ -259,8 +262,8 @@ impl<'a> Control<'a> {
     /// fresh, released or well.
     pub fn sensors(&self) -> SensorReport {
         SensorReport {
-            raw: *self.sensing.raw(),
-            measured: self.measured,
+            raw: self.sensing.raw(),
+            measured: self.sensing.measurement(),
             interlocks: self.interlocks,
         }
     }

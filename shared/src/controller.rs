@@ -217,7 +217,6 @@ impl<'a, T: Scalar> Controller<'a, T> {
     pub fn tick(&mut self, measured: &Measurement<T>) -> Command<T> {
         let tick = self.cursor.tick();
         let reference = self.cursor.reference();
-        self.cursor.advance();
         if self.fault.is_none() && !measured.is_finite() {
             self.fault = Some(Fault::MeasurementNotFinite);
         }
@@ -227,17 +226,23 @@ impl<'a, T: Scalar> Controller<'a, T> {
             let proposal =
                 self.law
                     .propose(&mut self.state, &reference, measured, &mut self.saturations);
-            match self.guard.limit(self.previous, proposal.torque) {
-                Ok((given, limited)) => {
-                    torque = given;
-                    limiting = limited;
-                    let everything = [0, 1].map(|joint| limited[joint].or(measured.drive[joint]));
-                    self.law.settle(&mut self.state, &proposal, everything);
+            if measured.drive == limiting && self.guard.permits(self.previous, proposal.torque) {
+                torque = proposal.torque;
+            } else {
+                match self.guard.limit(self.previous, proposal.torque) {
+                    Ok((given, limited)) => {
+                        torque = given;
+                        limiting = limited;
+                        let everything =
+                            [0, 1].map(|joint| limited[joint].or(measured.drive[joint]));
+                        self.law.settle(&mut self.state, &proposal, everything);
+                    }
+                    Err(fault) => self.fault = Some(fault),
                 }
-                Err(fault) => self.fault = Some(fault),
             }
         }
         self.previous = Some(torque);
+        self.cursor.advance();
         Command {
             torque,
             tick,

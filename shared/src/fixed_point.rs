@@ -387,6 +387,11 @@ impl Scalar for Fixed {
     fn all_finite<const N: usize>(_values: [Self; N]) -> bool {
         true
     }
+
+    #[inline]
+    fn is_within(self, limit: Self) -> bool {
+        self < limit && self > limit.negative()
+    }
 }
 
 #[cfg(test)]

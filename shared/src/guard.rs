@@ -141,6 +141,18 @@ impl<T: Scalar> Guard<T> {
         }
     }
 
+    /// True when [`limit`](Self::limit) would leave `wanted` as it is, short of the limits
+    /// themselves: a few comparisons, which nothing passes that is not finite.
+    #[inline]
+    pub fn permits(&self, previous: Option<[T; 2]>, wanted: [T; 2]) -> bool {
+        previous.is_some_and(|previous| {
+            (0..2).all(|joint| {
+                let step = wanted[joint].minus(previous[joint], &mut T::Count::default());
+                wanted[joint].is_within(self.torque[joint]) && step.is_within(self.step[joint])
+            })
+        })
+    }
+
     /// Brings `wanted` within the rate limit around `previous` (where there is one)
     /// and the torque limit. Says for each joint how it was limited.
     ///

@@ -23,7 +23,7 @@
 //! **Slope rate filter.** The slope rate passes a filter of the same kind before `K_w`.
 //! A root without hub inertia follows torque so fast that a sampled `K_w` large enough
 //! to damp the contact mode (some 5 Hz) makes the root itself unstable; a corner
-//! between the two keeps both.
+//! between the two keeps both. This filter starts from zero.
 //!
 //! **Anti-windup.** An increment of the integral is taken back when it pushed a joint
 //! farther into *any* limit behind the law: torque limit, torque-rate limit or a
@@ -155,31 +155,78 @@ impl<T: Scalar> Measurement<T> {
 pub struct Law<T: Scalar> {
     link1_length: T::Gain,
     link2_length: T::Gain,
-    derivative_per_tick: T::Gain,
-    proportional: T::Gain,
+    /// `None` without gains on the force error and its derivative.
+    direct: Option<Direct<T>>,
     integral_per_tick: T::Weight,
     slope_rate: T::Gain,
     /// `None` without a filter.
-    force_filter: Option<T::Weight>,
     slope_rate_filter: Option<T::Weight>,
-    projection: ForceProjection,
-    slope_rate_feedback: SlopeRateFeedback,
-    feedforward: bool,
+    /// `None` for the default.
+    variant: Option<Variant>,
     /// What takes angles into sines, and products of lever and force into torques.
     turn: T::Turn,
     torque: [T::Shift; 2],
+}
+
+/// Options that differ from the default. Together, so that a tick asks once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct Variant {
+    projection: ForceProjection,
+    slope_rate_feedback: SlopeRateFeedback,
+    feedforward: bool,
+}
+
+impl Variant {
+    const DEFAULT: Self = Self {
+        projection: ForceProjection::JacobianTranspose,
+        slope_rate_feedback: SlopeRateFeedback::Deviation,
+        feedforward: true,
+    };
+
+    /// (s1, s2), and planned torques and slope rate, as these options have them. A function
+    /// of its own, or the compiler selects each value in every tick.
+    #[cold]
+    #[inline(never)]
+    fn applied<T: Scalar>(
+        &self,
+        lever1: T,
+        mut projection: [T; 2],
+        mut planned: ([T; 2], T),
+    ) -> ([T; 2], ([T; 2], T)) {
+        if self.projection == ForceProjection::AsPrinted {
+            projection[1] = lever1;
+        }
+        if !self.feedforward {
+            planned.0 = [T::ZERO; 2];
+        }
+        if self.slope_rate_feedback == SlopeRateFeedback::AsPrinted {
+            planned.1 = T::ZERO;
+        }
+        (projection, planned)
+    }
+}
+
+/// The law's part that acts on the force error and its derivative.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "")]
+struct Direct<T: Scalar> {
+    derivative_per_tick: T::Gain,
+    proportional: T::Gain,
+    /// `None` without a filter.
+    filter: Option<T::Weight>,
 }
 
 /// What the law remembers from tick to tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LawState<S> {
     /// Filtered force error, N; `None` before the first tick, which must not
-    /// differentiate the step from nothing.
+    /// differentiate the step from nothing, and at all ticks without gains on it.
     pub filtered_error: Option<S>,
     /// K_IF times the force error's integral, N.
     pub integral: S,
-    /// Filtered root slope rate that K_w acts on, rad/s; `None` before the first tick.
-    pub filtered_slope_rate: Option<S>,
+    /// Filtered root slope rate that K_w acts on, rad/s; from zero on, so that a deviation
+    /// at the start does not make the torque jump.
+    pub filtered_slope_rate: S,
 }
 
 /// Torques that the law asks for, before any limit.
@@ -233,22 +280,31 @@ impl<T: Scalar> Law<T> {
             |corner_hz: Option<f64>| corner_hz.map(|hz| T::weight(filter_weight(hz, rate)));
         let force = |gain| T::gain(gain, formats.force, formats.force);
         let lever = |length| T::gain(length, T::SINE, formats.lever);
+        let gains = [
+            parameters.force_derivative_s * rate,
+            parameters.force_proportional,
+        ];
+        let variant = Variant {
+            projection: parameters.force_projection,
+            slope_rate_feedback: parameters.slope_rate_feedback,
+            feedforward: parameters.feedforward,
+        };
         Self {
             link1_length: lever(arm.link1_length_m),
             link2_length: lever(arm.link2_length_m),
-            derivative_per_tick: force(parameters.force_derivative_s * rate),
-            proportional: force(parameters.force_proportional),
+            direct: (gains != [0.0; 2]).then(|| Direct {
+                derivative_per_tick: force(gains[0]),
+                proportional: force(gains[1]),
+                filter: filter(parameters.force_filter_hz),
+            }),
             integral_per_tick: T::weight(parameters.force_integral_per_s / rate),
             slope_rate: T::gain(
                 parameters.slope_rate_nms_rad,
                 formats.slope_rate,
                 formats.torque[1],
             ),
-            force_filter: filter(parameters.force_filter_hz),
             slope_rate_filter: filter(parameters.slope_rate_filter_hz),
-            projection: parameters.force_projection,
-            slope_rate_feedback: parameters.slope_rate_feedback,
-            feedforward: parameters.feedforward,
+            variant: (variant != Variant::DEFAULT).then_some(variant),
             turn: T::turn(formats.angle),
             torque: formats
                 .torque
@@ -269,6 +325,8 @@ impl<T: Scalar> Law<T> {
         let lever = |gain| T::gain_value(gain, T::SINE, formats.lever);
         let filter = |corner_hz: Option<f64>| corner_hz.map_or(0.0, |hz| filter_weight(hz, rate));
         let filtered = |weight: Option<T::Weight>| weight.map_or(0.0, T::weight_value);
+        let direct =
+            |gain: fn(&Direct<T>) -> T::Gain| self.direct.as_ref().map_or(0.0, |d| force(gain(d)));
         [
             (
                 "link1.length_m",
@@ -283,12 +341,12 @@ impl<T: Scalar> Law<T> {
             (
                 "K_DF_s",
                 parameters.force_derivative_s,
-                force(self.derivative_per_tick) / rate,
+                direct(|d| d.derivative_per_tick) / rate,
             ),
             (
                 "K_PF",
                 parameters.force_proportional,
-                force(self.proportional),
+                direct(|d| d.proportional),
             ),
             (
                 "K_IF_per_s",
@@ -302,8 +360,9 @@ impl<T: Scalar> Law<T> {
             ),
             (
                 "force_filter_Hz",
-                filter(parameters.force_filter_hz),
-                filtered(self.force_filter),
+                self.direct
+                    .map_or(0.0, |_| filter(parameters.force_filter_hz)),
+                self.direct.map_or(0.0, |direct| filtered(direct.filter)),
             ),
             (
                 "slope_rate_filter_Hz",
@@ -327,38 +386,34 @@ impl<T: Scalar> Law<T> {
         let error = reference
             .force
             .minus(measured.force, &mut saturations.force);
-        let (before, filtered) = low_pass(
-            &mut state.filtered_error,
-            self.force_filter,
-            error,
-            &mut saturations.force,
-        );
         let increment = error.weighted(self.integral_per_tick);
         let integral_before = state.integral;
         state.integral = T::accumulated(integral_before, increment, &mut saturations.integral);
-        let count = &mut saturations.correction;
-        let correction = filtered
-            .minus(before, count)
-            .scaled(self.derivative_per_tick, count)
-            .plus(filtered.scaled(self.proportional, count), count)
-            .plus(T::of_sum(state.integral), count);
+        let mut correction = T::of_sum(state.integral);
+        if let Some(direct) = &self.direct {
+            let memory = state.filtered_error.get_or_insert(error.sum());
+            let (before, filtered) = low_pass(memory, direct.filter, error, &mut saturations.force);
+            let count = &mut saturations.correction;
+            correction = filtered
+                .minus(before, count)
+                .scaled(direct.derivative_per_tick, count)
+                .plus(filtered.scaled(direct.proportional, count), count)
+                .plus(correction, count);
+        }
 
         let (normal, count) = (reference.normal_angle, &mut saturations.angle);
         let [first, second] = measured.angle;
         let lever1 = lever(self.link1_length, normal, first, self.turn, count);
         let lever2 = lever(self.link2_length, normal, second, self.turn, count);
-        let s2 = match self.projection {
-            ForceProjection::JacobianTranspose => lever2,
-            ForceProjection::AsPrinted => lever1,
-        };
-        let projection = [lever1.plus_in_range(lever2), s2];
+        let mut projection = [lever1.plus_in_range(lever2), lever2];
+        let mut planned = (reference.torque, reference.root_slope_rate);
+        if let Some(variant) = &self.variant {
+            (projection, planned) = variant.applied(lever1, projection, planned);
+        }
 
-        let slope_rate = match self.slope_rate_feedback {
-            SlopeRateFeedback::Deviation => measured
-                .root_slope_rate
-                .minus(reference.root_slope_rate, &mut saturations.slope_rate),
-            SlopeRateFeedback::AsPrinted => measured.root_slope_rate,
-        };
+        let slope_rate = measured
+            .root_slope_rate
+            .minus(planned.1, &mut saturations.slope_rate);
         let (_, slope_rate) = low_pass(
             &mut state.filtered_slope_rate,
             self.slope_rate_filter,
@@ -367,12 +422,9 @@ impl<T: Scalar> Law<T> {
         );
         let mut torque = [0, 1].map(|joint| {
             let count = &mut saturations.torque[joint];
-            let feedback = projection[joint].times(correction, self.torque[joint], count);
-            if self.feedforward {
-                feedback.plus(reference.torque[joint], count)
-            } else {
-                feedback
-            }
+            projection[joint]
+                .times(correction, self.torque[joint], count)
+                .plus(planned.0[joint], count)
         });
         let count = &mut saturations.torque[1];
         torque[1] = torque[1].minus(slope_rate.scaled(self.slope_rate, count), count);
@@ -423,27 +475,28 @@ fn lever<T: Scalar>(
     trig::sin(normal_angle.minus(angle, count), turn).scaled(length, count)
 }
 
-/// Passes `input` through a filter: its output before and now. The state is the output
+/// Passes `input` through a filter: its output before and now. The memory is the output
 /// without rounding, so that no input is too small to move it. Without a filter it is the
 /// input.
 #[inline]
 fn low_pass<T: Scalar>(
-    state: &mut Option<T::Sum>,
+    memory: &mut T::Sum,
     weight: Option<T::Weight>,
     input: T,
     count: &mut T::Count,
 ) -> (T, T) {
-    let sum = state.unwrap_or(input.sum());
-    let before = T::of_sum(sum);
-    let (sum, now) = match weight {
+    let before = T::of_sum(*memory);
+    let now = match weight {
         Some(weight) => {
             let step = input.minus(before, count).weighted(weight);
-            let sum = T::accumulated(sum, step, count);
-            (sum, T::of_sum(sum))
+            *memory = T::accumulated(*memory, step, count);
+            T::of_sum(*memory)
         }
-        None => (input.sum(), input),
+        None => {
+            *memory = input.sum();
+            input
+        }
     };
-    *state = Some(sum);
     (before, now)
 }
 

@@ -176,6 +176,8 @@ pub trait Scalar:
 
     /// True when none of `values` is NaN or infinite.
     fn all_finite<const N: usize>(values: [Self; N]) -> bool;
+    /// True when the magnitude is below a positive limit; false for NaN and the infinities.
+    fn is_within(self, limit: Self) -> bool;
 
     /// The larger of two; `self` if they do not compare.
     #[inline]
@@ -224,9 +226,6 @@ pub trait Number:
 
     /// 1 / `value`, for a positive `value`.
     fn reciprocal_of(value: u32) -> Self;
-
-    /// The nearest integer, halves away from zero; saturates, and NaN gives 0.
-    fn round_to_i32(self) -> i32;
 
     /// False for NaN and the infinities.
     fn is_finite(self) -> bool;
@@ -291,12 +290,6 @@ macro_rules! float {
             #[allow(clippy::cast_precision_loss, clippy::cast_lossless)]
             fn reciprocal_of(value: u32) -> Self {
                 1.0 / value as $float
-            }
-
-            #[inline]
-            #[allow(clippy::cast_possible_truncation)]
-            fn round_to_i32(self) -> i32 {
-                (self + if self < 0.0 { -0.5 } else { 0.5 }) as i32
             }
 
             #[inline]
@@ -448,7 +441,19 @@ macro_rules! float {
 
             #[inline]
             fn reduced(self, (): ()) -> Self {
-                reduced(self)
+                // A float of this size has no fraction, so that adding it rounds to an integer,
+                // whose lowest bit is then the sum's.
+                const ROUNDER: $float = 1.5 / $float::EPSILON;
+                const SIGN: u32 = 8 * size_of::<$float>() as u32 - 1;
+                let sum = self * core::$float::consts::FRAC_1_PI + ROUNDER;
+                let half_turns = sum - ROUNDER;
+                let [first, second] = PI_PARTS.map(<Self as Number>::from_f64);
+                let x = self - half_turns * first - half_turns * second;
+                // An odd number of half turns changes the sign. The exponent's first bit is 0
+                // in all that is below 2: clearing it bounds what is left of an angle that was
+                // too large for the sum, and changes no other.
+                let bits = x.to_bits() ^ (sum.to_bits() & 1) << SIGN;
+                Self::from_bits(bits & !(1 << (SIGN - 1)))
             }
 
             #[inline]
@@ -480,13 +485,16 @@ macro_rules! float {
                 <Self as Number>::from_i32(part.cast_signed()) * reciprocal
             }
 
-            // The difference of such a value from itself is not zero, which takes half the
-            // instructions of looking at each.
+            // Zero times such a value is NaN, and so is the sum: one comparison for all.
             #[inline]
-            #[allow(clippy::eq_op)]
             fn all_finite<const N: usize>(values: [Self; N]) -> bool {
-                let zeros = values.map(|x| x - x);
+                let zeros = values.map(|x| x * 0.0);
                 zeros.into_iter().reduce(Add::add).unwrap_or(0.0) == 0.0
+            }
+
+            #[inline]
+            fn is_within(self, limit: Self) -> bool {
+                self.abs() < limit
             }
         }
     };
@@ -495,41 +503,13 @@ macro_rules! float {
 float!(f32, libm::sqrtf, libm::sinf, libm::cosf, libm::atan2f);
 float!(f64, libm::sqrt, libm::sin, libm::cos, libm::atan2);
 
-/// pi in three parts: the first two have 8 and 9 significant bits, so that their
-/// products with the number of half turns (up to 2^13) are exact in f32.
-const PI_PARTS: [f64; 3] = [
-    3.140_625,
-    9.670_257_568_359_375e-4,
-    6.278_329_573_009_626e-7,
-];
-
-/// [`Scalar::reduced`] in floating point.
-#[inline]
-fn reduced<T: Number>(angle: T) -> T {
-    let half_turns = (angle * T::from_f64(core::f64::consts::FRAC_1_PI)).round_to_i32();
-    let k = T::from_i32(half_turns);
-    let x = angle
-        - k * T::from_f64(PI_PARTS[0])
-        - k * T::from_f64(PI_PARTS[1])
-        - k * T::from_f64(PI_PARTS[2]);
-    // Acts on arguments of more than 1000 rad alone, where the parts are too short.
-    let bound = T::from_f64(1.571);
-    let x = x.limited(-bound, bound);
-    if half_turns & 1 == 0 { x } else { -x }
-}
+/// pi in two parts (Cody and Waite): the first has 15 significant bits, so that its products
+/// with up to 2^9 half turns are exact in f32.
+const PI_PARTS: [f64; 2] = [3.141_479_492_187_5, 1.131_614_022_932_384_6e-4];
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn rounding_is_to_nearest_and_saturates() {
-        assert_eq!(2.5_f32.round_to_i32(), 3);
-        assert_eq!((-2.5_f64).round_to_i32(), -3);
-        assert_eq!(0.49_f64.round_to_i32(), 0);
-        assert_eq!(f32::INFINITY.round_to_i32(), i32::MAX);
-        assert_eq!(f32::NAN.round_to_i32(), 0);
-    }
 
     #[test]
     fn one_value_that_is_not_finite_shows_among_others() {

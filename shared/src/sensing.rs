@@ -8,7 +8,7 @@
 //!
 //! **Encoders** count 16 bits and wrap. The position is extended by the signed
 //! difference from tick to tick, right as long as less than 32,768 counts pass in one.
-//! They are incremental: position 0 is where the arm stood at start, the *home* pose.
+//! They are incremental: where the arm stood at start is the *home* pose.
 //!
 //! **Slope rate.** The backward difference of the root slope. A step of the converter
 //! shows in it as `step * rate`; the law's slope rate filter is what tames that.
@@ -43,60 +43,78 @@ pub struct Calibration {
     pub slope_rad: (f32, f32),
 }
 
-/// Turns samples into measurements.
+/// Follows the counts, in integers, and turns them into measurements where one is wanted.
 #[derive(Clone, Debug)]
 pub struct Sensing {
     calibration: Calibration,
-    tick_rate: f32,
-    /// The last sample.
-    raw: RawSample,
+    /// Root slope rate a count from tick to tick, rad/s.
+    slope_rate: f32,
+    /// Positions at home.
+    home: [i32; 2],
+    /// Positions, whose low 16 bits are the encoders' counts.
     position: [i32; 2],
-    root_slope: f32,
+    force: u16,
+    strain: u16,
+    strain_before: u16,
+    fresh: bool,
 }
 
 impl Sensing {
     /// Begins at the home pose, where `first` was sampled.
     pub fn new(calibration: &Calibration, tick_rate_hz: u32, first: &RawSample) -> Self {
+        let home = first.encoder.map(i32::from);
         Self {
             calibration: *calibration,
-            tick_rate: tick_rate_hz as f32,
-            raw: *first,
-            position: [0; 2],
-            root_slope: Self::root_slope(calibration, first),
+            slope_rate: calibration.slope_rad.0 * tick_rate_hz as f32,
+            home,
+            position: home,
+            force: first.force,
+            strain: first.strain,
+            strain_before: first.strain,
+            fresh: first.fresh,
         }
     }
 
-    /// Slope of link 2 at its root, rad.
+    /// Follows the counts to a new sample; call it once a tick, whether a measurement is
+    /// wanted or not.
     #[inline]
-    fn root_slope(calibration: &Calibration, raw: &RawSample) -> f32 {
-        (f32::from(raw.strain) - calibration.slope_rad.1) * calibration.slope_rad.0
+    pub fn follow(&mut self, raw: &RawSample) {
+        for i in 0..2 {
+            let step = raw.encoder[i].wrapping_sub(self.position[i] as u16);
+            self.position[i] = self.position[i].wrapping_add(i32::from(step.cast_signed()));
+        }
+        self.strain_before = self.strain;
+        self.strain = raw.strain;
+        self.force = raw.force;
+        self.fresh = raw.fresh;
     }
 
-    /// The sample that was measured last.
-    pub fn raw(&self) -> &RawSample {
-        &self.raw
+    /// The latest sample.
+    #[inline]
+    pub fn raw(&self) -> RawSample {
+        RawSample {
+            encoder: self.position.map(|position| position as u16),
+            force: self.force,
+            strain: self.strain,
+            fresh: self.fresh,
+        }
     }
 
-    /// The measurement of a sample; call it once a tick, whether the result is wanted or
-    /// not.
+    /// What the latest sample means.
     #[inline]
-    pub fn measure(&mut self, raw: &RawSample) -> Measurement<f32> {
+    pub fn measurement(&self) -> Measurement<f32> {
         let c = &self.calibration;
-        let root_slope = Self::root_slope(c, raw);
-        let before = core::mem::replace(&mut self.root_slope, root_slope);
         let motor = [0, 1].map(|i| {
-            let step = raw.encoder[i]
-                .wrapping_sub(self.raw.encoder[i])
-                .cast_signed();
-            self.position[i] = self.position[i].wrapping_add(i32::from(step));
-            c.home_rad[i] + self.position[i] as f32 * c.encoder_rad[i]
+            let counts = self.position[i].wrapping_sub(self.home[i]);
+            c.home_rad[i] + counts as f32 * c.encoder_rad[i]
         });
-        self.raw = *raw;
+        let root_slope = (f32::from(self.strain) - c.slope_rad.1) * c.slope_rad.0;
+        let stretch = i32::from(self.strain) - i32::from(self.strain_before);
         Measurement {
             angle: [motor[0], motor[0] + motor[1] - root_slope],
             root_slope,
-            root_slope_rate: (root_slope - before) * self.tick_rate,
-            force: (f32::from(raw.force) - c.force_n.1) * c.force_n.0,
+            root_slope_rate: stretch as f32 * self.slope_rate,
+            force: (f32::from(self.force) - c.force_n.1) * c.force_n.0,
             drive: [Limiting::No; 2],
         }
     }
@@ -123,17 +141,18 @@ mod tests {
             fresh: true,
         };
         let mut sensing = Sensing::new(&CALIBRATION, 1000, &first);
-        let m = sensing.measure(&first);
+        sensing.follow(&first);
+        let m = sensing.measurement();
         assert!((m.angle[0] - 0.5).abs() < 1e-6);
         // theta20 = theta10 + motor2 - w'(0)
         assert!((m.angle[1] - (0.5 - 1.0 - 0.1)).abs() < 1e-6);
         assert!((m.force - 1.0).abs() < 1e-6 && m.root_slope_rate == 0.0);
-        let m = sensing.measure(&RawSample {
+        sensing.follow(&RawSample {
             encoder: [4, 65_533], // +10 and -10, both over the wrap
             strain: 2110,
             ..first
         });
-        assert_eq!(sensing.raw().strain, 2110);
+        let m = sensing.measurement();
         assert!((m.angle[0] - 0.51).abs() < 1e-6);
         assert!((m.angle[1] - (0.51 - 0.98 - 0.11)).abs() < 1e-6);
         assert!((m.root_slope_rate - 10.0).abs() < 1e-3);
@@ -147,7 +166,7 @@ mod tests {
             for step in steps {
                 position += step;
                 let raw = RawSample { encoder: [position as u16, 0], ..RawSample::default() };
-                sensing.measure(&raw);
+                sensing.follow(&raw);
                 prop_assert_eq!(sensing.position, [position, 0]);
             }
         }

@@ -286,8 +286,8 @@ impl Drives for AnalogDrives {
         let counts = [0, 1].map(|i| {
             let span = f32::from(DAC_ZERO);
             let count = span + torque[i] * (span / DRIVE_FULL_SCALE_NM[i]);
-            // Float to integer saturates; half a count is a 4000th of full scale.
-            (count as u16).min(2 * DAC_ZERO - 1)
+            // Half a count is a 4000th of full scale.
+            (count as i32).clamp(0, i32::from(2 * DAC_ZERO - 1)) as u16
         });
         self.torques.0.set_value(counts[0]);
         self.torques.1.set_value(counts[1]);

@@ -150,4 +150,8 @@ impl Scalar for Exact {
     fn all_finite<const N: usize>(values: [Self; N]) -> bool {
         values.iter().all(|value| value.0.is_finite())
     }
+
+    fn is_within(self, limit: Self) -> bool {
+        self.0.abs() < limit.0
+    }
 }

@@ -105,11 +105,6 @@ impl Number for Dual {
         Self::new(f64::reciprocal_of(value), 0.0)
     }
 
-    #[inline]
-    fn round_to_i32(self) -> i32 {
-        Number::round_to_i32(self.0.re)
-    }
-
     /// Of value and derivative.
     #[inline]
     fn is_finite(self) -> bool {

@@ -66,13 +66,16 @@ impl LinearLaw {
             root_slope_rate: 0.0,
             normal_angle: plan.normal_angle(),
         };
+        // Without gains on it the law leaves its memory of the error alone.
+        let remembers_error =
+            parameters.force_derivative_s != 0.0 || parameters.force_proportional != 0.0;
         // Everything zero but the angles gives zero: without a correction the levers'
         // dependence on the angles moves nothing.
         let respond = |memory: [f64; LAW_STATES], measured: [f64; 2]| {
             let mut state = LawState {
-                filtered_error: Some(memory[0]),
+                filtered_error: remembers_error.then_some(memory[0]),
                 integral: memory[INTEGRAL],
-                filtered_slope_rate: Some(memory[2]),
+                filtered_slope_rate: memory[2],
             };
             let measurement = Measurement {
                 angle,
@@ -90,7 +93,7 @@ impl LinearLaw {
             let remembered = [
                 state.filtered_error.unwrap_or_default(),
                 state.integral,
-                state.filtered_slope_rate.unwrap_or_default(),
+                state.filtered_slope_rate,
             ];
             (remembered, proposal.torque)
         };
