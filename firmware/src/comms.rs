@@ -1,7 +1,7 @@
 //! Answers the host's requests, in the main loop.
 
 use crate::board::Clocks;
-use crate::board::constants::{SAFETY, TICK_RATE_HZ};
+use crate::board::constants::{DRIVE_LIMIT_NM, SAFETY, TICK_RATE_HZ};
 use crate::{identity, log, slots, stack};
 use rtic::Mutex;
 use shared::control::{Control, Mode, Prepared};
@@ -137,7 +137,8 @@ impl Comms {
         if control.lock(|c| c.report().0) != Mode::Disarmed {
             return Err(Refusal::Busy);
         }
-        let setup = self.setup.ok_or(Refusal::NoSetup)?;
+        let mut setup = self.setup.ok_or(Refusal::NoSetup)?;
+        setup.limits = setup.limits.at_most(DRIVE_LIMIT_NM);
         let fingerprint = setup.arm.fingerprint();
         let (slot, table) = table_to_arm(slot, |slot| slots::open(slot, fingerprint))?;
         let first_row = table.cursor().reference();

@@ -115,6 +115,19 @@ pub struct LimitParameters {
     pub torque_rate_nm_s: [f64; 2],
 }
 
+impl LimitParameters {
+    /// These limits, the torques no larger than `torque_nm`: what the drives can give. The
+    /// law then learns of every limit from the guard, and its integral does not wind up
+    /// against one that it cannot see.
+    #[must_use]
+    pub fn at_most(&self, torque_nm: [f64; 2]) -> Self {
+        Self {
+            torque_nm: [0, 1].map(|i| self.torque_nm[i].min(torque_nm[i])),
+            ..*self
+        }
+    }
+}
+
 /// The limits in the tick's number type.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "")]
@@ -132,12 +145,13 @@ impl<T: Scalar<Format = ()>> Guard<T> {
 
 impl<T: Scalar> Guard<T> {
     /// The limits at `tick_rate_hz`, for torques of the given formats. Limits beyond a
-    /// format's range are at its end.
+    /// format's range are at its end; one that is negative or NaN is 0.
     pub fn in_formats(limits: &LimitParameters, tick_rate_hz: u32, torque: [T::Format; 2]) -> Self {
         let rate = f64::from(tick_rate_hz);
+        let limit = |si: f64, format| T::from_si(if si > 0.0 { si } else { 0.0 }, format);
         Self {
-            torque: [0, 1].map(|i| T::from_si(limits.torque_nm[i], torque[i])),
-            step: [0, 1].map(|i| T::from_si(limits.torque_rate_nm_s[i] / rate, torque[i])),
+            torque: [0, 1].map(|i| limit(limits.torque_nm[i], torque[i])),
+            step: [0, 1].map(|i| limit(limits.torque_rate_nm_s[i] / rate, torque[i])),
         }
     }
 
@@ -212,6 +226,37 @@ mod tests {
         let (torque, limiting) = guard().limit(Some([0.0, 0.0]), [0.5, 0.7]).unwrap();
         assert_eq!(torque, [0.5, 0.5]);
         assert_eq!(limiting, [Limiting::No, Limiting::FromAbove]);
+    }
+
+    #[test]
+    fn a_limit_that_is_none_lets_no_torque_pass() {
+        for none in [-1.0, f64::NAN, f64::NEG_INFINITY, -0.0] {
+            let limits = LimitParameters {
+                torque_nm: [none; 2],
+                torque_rate_nm_s: [1e3; 2],
+            };
+            let guard = Guard::<f32>::new(&limits, 1000);
+            assert!(!guard.permits(Some([0.0; 2]), [0.1, -0.1]));
+            assert_eq!(guard.limit(None, [0.1, -0.1]).unwrap().0, [0.0; 2]);
+            let limits = LimitParameters {
+                torque_nm: [20.0; 2],
+                torque_rate_nm_s: [none; 2],
+            };
+            let guard = Guard::<f32>::new(&limits, 1000);
+            let (torque, _) = guard.limit(Some([1.0; 2]), [5.0, -5.0]).unwrap();
+            assert_eq!(torque, [1.0; 2]);
+        }
+    }
+
+    #[test]
+    fn the_drives_limits_are_the_narrower_ones_only() {
+        let limits = LimitParameters {
+            torque_nm: [20.0, 2.0],
+            torque_rate_nm_s: [1e3, 1e2],
+        };
+        let narrow = limits.at_most([35.0, 1.5]);
+        assert_eq!(narrow.torque_nm, [20.0, 1.5]);
+        assert_eq!(narrow.torque_rate_nm_s, limits.torque_rate_nm_s);
     }
 
     proptest! {

@@ -86,6 +86,16 @@ pub const CALIBRATION: Calibration = Calibration {
 /// Torques at the ends of the drives' analog range, N m: a current-controlled drive
 /// that takes -10 to 10 V behind a level shifter from 0 to 3.3 V.
 pub const DRIVE_FULL_SCALE_NM: [f32; 2] = [40.0, 4.0];
+/// Largest torques that the drives can be asked for, N m. The converter's output buffer ends
+/// 0.2 V from either rail (datasheet, DAC characteristics): 1.45 V of 1.65 V. The law's own limits are
+/// never wider when the arm is armed.
+pub const DRIVE_LIMIT_NM: [f64; 2] = {
+    let usable = 1.45 / 1.65;
+    [
+        usable * DRIVE_FULL_SCALE_NM[0] as f64,
+        usable * DRIVE_FULL_SCALE_NM[1] as f64,
+    ]
+};
 /// Count of the digital-analog converter (12 bits) that commands no torque.
 pub const DAC_ZERO: u16 = 2048;
 
