@@ -48,7 +48,7 @@ mod app {
     use crate::{calibrate, last_words, log, stack};
     use cortex_m::peripheral::syst::SystClkSource;
     use heapless::spsc::{Consumer, Producer, Queue};
-    use shared::control::{Control, Prepared};
+    use shared::control::{Control, Mode, Prepared};
     use shared::link::{FRAME_MAX, Receiver, Reply, Request};
     use stm32f4xx_hal::pac::Interrupt;
 
@@ -165,6 +165,7 @@ mod app {
         };
         let mut receiver = Receiver::new();
         let mut fault = None;
+        let mut debuggable = false;
         // The host may have been listening before this started.
         let identity = local.comms.identity();
         send(to_host, &identity);
@@ -172,7 +173,11 @@ mod app {
             if control.lock(Control::alive) {
                 local.watchdog.feed();
             }
-            let latched = control.lock(|control| control.report().2);
+            let (mode, _, latched, ..) = control.lock(|control| control.report());
+            if debuggable != (mode != Mode::Armed) {
+                debuggable = !debuggable;
+                local.watchdog.wait_for_debugger(debuggable);
+            }
             if fault != latched {
                 fault = latched;
                 match fault {

@@ -102,8 +102,15 @@ enum SlotArg {
 
 /// Builds the image and writes it, table included, to a board: the file that `pil` boots.
 pub(crate) fn flash(options: &FlashOptions) -> Result<()> {
-    let mut probe = Command::new("probe-rs");
-    probe.args(["download", "--chip", "STM32F405RGTx", "--verify"]);
+    let probe_rs = |verb: &str| {
+        let mut command = Command::new("probe-rs");
+        command.args([verb, "--chip", "STM32F405RGTx"]);
+        command
+    };
+    let mut probe = probe_rs("download");
+    probe.arg("--verify");
+    // The download leaves the core halted, and the tables are read at start.
+    let mut reset = probe_rs("reset");
     let file = match &options.table {
         Some(table) => {
             check_table(table)?;
@@ -128,10 +135,11 @@ pub(crate) fn flash(options: &FlashOptions) -> Result<()> {
                 println!("  {length:6} bytes to {address:#010x}");
             }
         }
-        println!("{probe:?}");
+        println!("{probe:?}\n{reset:?}");
         return Ok(());
     }
-    run(&mut probe).context("probe-rs comes with `cargo install probe-rs-tools`")
+    run(&mut probe).context("probe-rs comes with `cargo install --locked probe-rs-tools`")?;
+    run(&mut reset)
 }
 
 /// Makes sure that a file is a table that the firmware would take from a slot, but for the

@@ -133,13 +133,10 @@ impl Board {
             stop_released: gpioc.pc10.into_pull_down_input(),
         };
 
-        // Without these the control timer and the watchdog would run on while a debugger
-        // holds the core.
+        // The control period does not run on while a debugger holds the core.
         p.DBGMCU
             .apb1_fz()
             .modify(|_, w| w.dbg_tim2_stop().set_bit());
-        let watchdog = IndependentWatchdog::new(p.IWDG);
-        watchdog.stop_on_debug(&p.DBGMCU, true);
 
         let (mut rcc, source) = start_clocks(rcc);
         // The encoders' outputs may be open collectors.
@@ -181,7 +178,10 @@ impl Board {
                 stopwatch,
             },
             serial: Serial::new(p.USART1, line, &mut rcc),
-            watchdog: Watchdog(watchdog),
+            watchdog: Watchdog {
+                watchdog: IndependentWatchdog::new(p.IWDG),
+                debug: p.DBGMCU,
+            },
             clocks: Clocks {
                 source,
                 core_hz,
@@ -472,16 +472,25 @@ impl Serial {
 }
 
 /// The independent watchdog.
-pub struct Watchdog(IndependentWatchdog);
+pub struct Watchdog {
+    watchdog: IndependentWatchdog,
+    debug: pac::DBGMCU,
+}
 
 impl Watchdog {
     /// Starts it; it cannot be stopped.
     pub fn start(&mut self) {
-        self.0.start(WATCHDOG_MS.millis());
+        self.watchdog.start(WATCHDOG_MS.millis());
     }
 
     /// Another [`WATCHDOG_MS`].
     pub fn feed(&mut self) {
-        self.0.feed();
+        self.watchdog.feed();
+    }
+
+    /// Whether it waits while a debugger holds the core. It must not when the drives are on:
+    /// they hold their last torque then, until the watchdog resets.
+    pub fn wait_for_debugger(&mut self, wait: bool) {
+        self.watchdog.stop_on_debug(&self.debug, wait);
     }
 }
