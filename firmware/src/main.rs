@@ -8,8 +8,8 @@
 //! | 0 | the main loop: requests, watchdog | [`comms`] |
 //!
 //! RTIC 2 schedules them: its priority ceilings prove at compile time that the tick
-//! shares data with the main loop only under a lock, and a lock from the tick itself
-//! costs nothing. Locks in the main loop copy one small struct or exchange two references;
+//! shares data with the main loop only under a lock, which in the tick itself never waits
+//! and costs a dozen instructions. Locks in the main loop copy one small struct or exchange two references;
 //! `cargo xtask budget` counts the instructions of every stretch with interrupts held off.
 
 #![no_std]
