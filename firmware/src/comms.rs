@@ -9,7 +9,7 @@ use shared::controller::Controller;
 use shared::link::{
     FRAME_MAX, FrameErrors, Identity, Reply, Request, Setup, StartReason, Status, encode,
 };
-use shared::safety::{Refusal, may_arm, table_to_arm};
+use shared::safety::{Refusal, may_arm, may_plan, table_to_arm};
 use shared::slot::{Slot, TableIdentity};
 use shared::table::Table;
 
@@ -95,6 +95,7 @@ impl Comms {
                 control.lock(Control::acknowledge);
                 Ok(())
             }
+            Request::Home => control.lock(Control::home),
             Request::StartLockStep { slot, setup } => {
                 match self.start_lock_step(slot, &setup, control) {
                     Ok(table) => return Reply::LockStep(table),
@@ -142,8 +143,9 @@ impl Comms {
         let fingerprint = setup.arm.fingerprint();
         let (slot, table) = table_to_arm(slot, |slot| slots::open(slot, fingerprint))?;
         let first_row = table.cursor().reference();
-        let (latched, interlocks, measured) = control.lock(|c| c.standing());
-        may_arm(&SAFETY, latched, interlocks, measured.as_ref(), &first_row)?;
+        let standing = control.lock(|c| c.standing());
+        may_arm(&SAFETY, &standing, &first_row)?;
+        may_plan(table.torque_bound(), &setup.limits)?;
         self.prepare(&table, &setup)?;
         control.lock(|c| c.arm(&mut self.prepared));
         defmt::info!("armed, slot {}: table {=u32:#x}", slot, table.crc());

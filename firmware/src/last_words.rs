@@ -43,6 +43,12 @@ pub fn take(watchdog_reset: bool) -> StartReason {
     }
 }
 
+/// An exception or interrupt that nothing expects: the non-maskable interrupt, say.
+#[cortex_m_rt::exception]
+unsafe fn DefaultHandler(_number: i16) -> ! {
+    panic!("unexpected exception")
+}
+
 #[panic_handler]
 fn panic(info: &PanicInfo) -> ! {
     cortex_m::interrupt::disable();

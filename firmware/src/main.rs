@@ -128,8 +128,9 @@ mod app {
     #[task(binds = USART1, priority = 1, shared = [bytes_lost], local = [serial, received, to_send])]
     fn serial(mut context: serial::Context) {
         let serial = context.local.serial;
-        if let Some((byte, overrun)) = serial.receive() {
-            let full = context.local.received.enqueue(byte).is_err();
+        let (byte, overrun) = serial.receive();
+        let full = byte.is_some_and(|byte| context.local.received.enqueue(byte).is_err());
+        if overrun || full {
             let lost = u32::from(overrun) + u32::from(full);
             context
                 .shared
@@ -166,7 +167,9 @@ mod app {
         let mut receiver = Receiver::new();
         let mut fault = None;
         let mut debuggable = false;
-        // The host may have been listening before this started.
+        // The host may have been listening before this started. What the line carried during
+        // the reset must not spoil the first frame: a zero ends it.
+        let _ = to_host.enqueue(0);
         let identity = local.comms.identity();
         send(to_host, &identity);
         loop {
@@ -208,6 +211,8 @@ mod app {
                         .comms
                         .answer(&request, control, (receiver.errors(), lost), || {
                             rtic::pend(Interrupt::TIM2);
+                            // Taken before anything that follows.
+                            cortex_m::asm::dsb();
                             cortex_m::asm::isb();
                         });
                 send(to_host, &reply);

@@ -552,6 +552,18 @@ impl Processor {
         Err(unexpected(awaited, &reply))
     }
 
+    /// Tells that the arm stands at its home pose.
+    ///
+    /// # Errors
+    /// [`ProcessorError::Refused`] unless disarmed; else other [`ProcessorError`]s.
+    pub fn home(&mut self) -> Result<(), ProcessorError> {
+        match self.ask(&Request::Home, "consent")? {
+            Reply::Done => Ok(()),
+            Reply::Refused(refusal) => Err(ProcessorError::Refused(refusal)),
+            other => Err(unexpected("consent", &other)),
+        }
+    }
+
     /// Lets the microcontroller forget its latched fault.
     ///
     /// # Errors

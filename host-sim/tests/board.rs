@@ -96,6 +96,8 @@ impl Board {
                 self.fault = None;
                 Reply::Done
             }
+            Request::Home if self.mode == Mode::Disarmed => Reply::Done,
+            Request::Home => Reply::Refused(Refusal::Busy),
             Request::Sensors => Reply::Sensors(SensorReport {
                 raw: RawSample {
                     encoder: [65_535, 12],
@@ -114,6 +116,8 @@ impl Board {
                     stop_released: true,
                     drives_well: false,
                 },
+                in_range: true,
+                homed: false,
             }),
             other => panic!("host-sim board asks {other:?}"),
         }
@@ -505,19 +509,22 @@ fn silence_and_other_speech_are_told_apart() {
 }
 
 #[test]
-fn disarm_and_acknowledge_say_how_it_then_is() {
+fn home_disarm_and_acknowledge_say_how_it_then_is() {
     let mut board = Board {
         mode: Mode::Armed,
         fault: Some(Fault::Drive),
         ..Board::NEW
     };
     let board = Fake::new(move |request| Some(board.answer(request)));
+    failed(&board.run(&["home"]), &["refused", "disarm"]);
     let state = board.json(&["disarm"]);
     assert_eq!(
         (&state["mode"], &state["fault"]),
         (&"disarmed".into(), &"drive_fault".into())
     );
     assert_eq!(state["fault_number"], 17);
+    assert_eq!(board.json(&["home"])["mode"], "disarmed");
+    assert!(board.asked().contains(&Request::Home));
     let words = text(&board.run(&["acknowledge"]).stdout);
     assert!(
         words.contains("disarmed") && words.contains("none"),
@@ -551,6 +558,7 @@ fn a_wrong_command_line_is_code_2() {
         "status",
         "sensors",
         "arm",
+        "home",
         "disarm",
         "acknowledge",
     ] {
@@ -592,6 +600,8 @@ fn the_image_in_qemu_answers_every_verb() {
         (&["sensors", "--json"], "fresh", false.into()),
         (&["sensors", "--json"], "strain_counts", 0.into()),
         (&["sensors", "--json"], "stop_released", false.into()),
+        (&["sensors", "--json"], "homed", false.into()),
+        (&["home", "--json"], "mode", "disarmed".into()),
         (&["disarm", "--json"], "mode", "disarmed".into()),
         (&["acknowledge", "--json"], "fault", Value::Null),
     ] {

@@ -13,6 +13,27 @@ pub trait Sensors {
     fn sample(&mut self) -> RawSample;
 }
 
+/// How a torque becomes the count of a converter that commands a drive.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DriveScale {
+    /// Count of no torque, half the converter's range.
+    pub zero: u16,
+    /// Torque that the whole range stands for to either side, N m; negative where the drive
+    /// turns against the angle.
+    pub full_scale_nm: f32,
+}
+
+impl DriveScale {
+    /// The count for a torque, N m, rounded down; the end of the range for what is beyond.
+    #[inline]
+    pub fn count(&self, torque: f32) -> u16 {
+        let zero = f32::from(self.zero);
+        let count = zero + torque * (zero / self.full_scale_nm);
+        // Float to integer saturates, and makes 0 of NaN, which the controller never gives.
+        (count as i32).clamp(0, i32::from(self.zero) * 2 - 1) as u16
+    }
+}
+
 /// The two current-controlled drives.
 pub trait Drives {
     /// Enables the drives and commands torques, N m. Values beyond what the drives take
@@ -59,4 +80,34 @@ pub struct TickBoard<S, D, T, W> {
     pub timebase: T,
     /// Measures the tick.
     pub stopwatch: W,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn torques_become_counts_on_their_side_of_zero() {
+        let scale = DriveScale {
+            zero: 2048,
+            full_scale_nm: 40.0,
+        };
+        for (torque, count) in [
+            (0.0, 2048),
+            (10.0, 2560),
+            (-10.0, 1536),
+            (39.99, 4095),
+            (-40.0, 0),
+            (40.0, 4095),
+            (1e9, 4095),
+            (f32::NEG_INFINITY, 0),
+        ] {
+            assert_eq!(scale.count(torque), count, "{torque}");
+        }
+        let reversed = DriveScale {
+            full_scale_nm: -40.0,
+            ..scale
+        };
+        assert_eq!(reversed.count(10.0), 1536);
+    }
 }

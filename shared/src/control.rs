@@ -9,7 +9,7 @@ use crate::board::{Drives, Inputs, Sensors, Stopwatch, TickBoard, Timebase};
 use crate::controller::Controller;
 use crate::guard::{Fault, Limiting};
 use crate::law::Measurement;
-use crate::safety::{Interlocks, SafetyLimits, Watch};
+use crate::safety::{Condition, Interlocks, Refusal, SafetyLimits, Standing, Watch};
 use crate::sensing::{Calibration, RawSample, Sensing};
 use serde::{Deserialize, Serialize};
 
@@ -50,6 +50,11 @@ pub struct SensorReport {
     pub measured: Measurement<f32>,
     /// Emergency stop and drives.
     pub interlocks: Interlocks,
+    /// Both converters are off their rails.
+    pub in_range: bool,
+    /// The arm has been said to stand at its home pose; the angles count from there, and
+    /// before from where it stood at start.
+    pub homed: bool,
 }
 
 /// A place for a controller. There are two, the tick's and the one in which the main loop
@@ -77,11 +82,13 @@ pub struct Control<'a> {
     sensing: Sensing,
     watch: Watch,
     fault: Option<Fault>,
+    /// Where the joints are is known.
+    homed: bool,
     interlocks: Interlocks,
-    /// A measurement from the host.
-    inbox: Measurement<f32>,
+    /// A measurement from the host, and its sequence number.
+    inbox: (u32, Measurement<f32>),
     inbox_full: bool,
-    /// What the last tick gave, and the sequence number of the measurement in the inbox.
+    /// What the last tick gave.
     outbox: TickReply,
     ticks_total: u32,
     counts_max: u32,
@@ -112,11 +119,12 @@ impl<'a> Control<'a> {
             sensing: Sensing::new(calibration, tick_rate_hz, &first),
             watch: Watch::new(limits),
             fault: None,
+            homed: false,
             interlocks: Interlocks {
                 stop_released: false,
                 drives_well: false,
             },
-            inbox: Measurement::default(),
+            inbox: (0, Measurement::default()),
             inbox_full: false,
             outbox: TickReply {
                 sequence: 0,
@@ -158,7 +166,8 @@ impl<'a> Control<'a> {
                 if core::mem::take(&mut self.inbox_full)
                     && let Some(controller) = self.controller
                 {
-                    run(controller, &self.inbox, &mut self.outbox);
+                    run(controller, &self.inbox.1, &mut self.outbox);
+                    self.outbox.sequence = self.inbox.0;
                 }
             }
             Mode::Armed | Mode::Disarmed => {
@@ -168,7 +177,12 @@ impl<'a> Control<'a> {
                 if self.mode == Mode::Armed
                     && let Some(controller) = self.controller
                 {
-                    if let Some(fault) = self.watch.tick(self.interlocks, raw.fresh, self.late) {
+                    let condition = Condition {
+                        interlocks: self.interlocks,
+                        fresh: raw.fresh,
+                        in_range: self.sensing.in_range(),
+                    };
+                    if let Some(fault) = self.watch.tick(&condition, self.late) {
                         controller.trip(fault);
                     }
                     run(controller, &self.sensing.measurement(), &mut self.outbox);
@@ -207,9 +221,11 @@ impl<'a> Control<'a> {
         self.mode = Mode::Disarmed;
     }
 
-    /// From the next tick on the host's measurements run the `prepared` controller.
+    /// From the next tick on the host's measurements run the `prepared` controller. The
+    /// encoders may turn unseen between two of its ticks: the arm is no longer homed.
     pub fn start_lock_step(&mut self, prepared: &mut &'a mut Prepared<'a>) {
         core::mem::swap(&mut self.controller, prepared);
+        self.homed = false;
         self.inbox_full = false;
         self.outbox.tick = 0;
         self.mode = Mode::LockStep;
@@ -219,9 +235,8 @@ impl<'a> Control<'a> {
     pub fn put(&mut self, sequence: u32, measured: Measurement<f32>) -> bool {
         let running = self.mode == Mode::LockStep;
         if running {
-            self.inbox = measured;
+            self.inbox = (sequence, measured);
             self.inbox_full = true;
-            self.outbox.sequence = sequence;
         }
         running
     }
@@ -243,19 +258,36 @@ impl<'a> Control<'a> {
         self.watch.heard();
     }
 
-    /// Forgets the latched fault.
+    /// The arm stands at its home pose.
+    ///
+    /// # Errors
+    /// [`Refusal::Busy`] unless disarmed.
+    pub fn home(&mut self) -> Result<(), Refusal> {
+        if self.mode != Mode::Disarmed {
+            return Err(Refusal::Busy);
+        }
+        self.sensing.home();
+        self.homed = true;
+        Ok(())
+    }
+
+    /// Forgets the latched fault. A cause that still stands refuses the next arming.
     pub fn acknowledge(&mut self) {
         self.fault = None;
     }
 
-    /// What [`crate::safety::may_arm`] wants to know: latched fault, interlocks, and what the
-    /// sensors say, if that is new.
-    pub fn standing(&self) -> (Option<Fault>, Interlocks, Option<Measurement<f32>>) {
-        (
-            self.fault,
-            self.interlocks,
-            self.sensing.raw().fresh.then(|| self.sensing.measurement()),
-        )
+    /// What [`crate::safety::may_arm`] wants to know.
+    pub fn standing(&self) -> Standing {
+        Standing {
+            latched: self.fault,
+            homed: self.homed,
+            condition: Condition {
+                interlocks: self.interlocks,
+                fresh: self.sensing.raw().fresh,
+                in_range: self.sensing.in_range(),
+            },
+            measured: self.sensing.measurement(),
+        }
     }
 
     /// What the last tick sampled. Before the first tick: the sample at start, and nothing
@@ -265,6 +297,8 @@ impl<'a> Control<'a> {
             raw: self.sensing.raw(),
             measured: self.sensing.measurement(),
             interlocks: self.interlocks,
+            in_range: self.sensing.in_range(),
+            homed: self.homed,
         }
     }
 
@@ -307,6 +341,7 @@ mod tests {
         home_rad: [0.5, -0.5],
         force_n: (0.01, 2048.0),
         slope_rad: (1e-3, 2048.0),
+        range: (16, 4079),
     };
 
     /// Everything that a board does, in memory.
@@ -471,9 +506,29 @@ mod tests {
         let (mode, tick, fault, ticks, counts) = rig.control.report();
         assert_eq!((mode, tick, fault, ticks), (Mode::Disarmed, 0, None, 1));
         assert_eq!(counts, 7);
-        let (latched, interlocks, measured) = rig.control.standing();
-        assert!(latched.is_none() && interlocks.stop_released && interlocks.drives_well);
-        assert!((measured.unwrap().angle[0] - 0.5).abs() < 1e-6);
+        let standing = rig.control.standing();
+        assert_eq!((standing.latched, standing.homed), (None, false));
+        assert_eq!(standing.condition.fault(), None);
+        assert!((standing.measured.angle[0] - 0.5).abs() < 1e-6);
+    }
+
+    #[test]
+    fn homed_is_what_was_said_and_lock_step_forgets_it() {
+        let mut rig = Rig::new();
+        rig.board.sensors.sample.encoder = [300, 0];
+        rig.tick();
+        assert!((rig.control.standing().measured.angle[0] - 0.8).abs() < 1e-6);
+        rig.control.home().unwrap();
+        assert!(rig.control.standing().homed && rig.control.sensors().homed);
+        assert!((rig.control.standing().measured.angle[0] - 0.5).abs() < 1e-6);
+        rig.control.arm(&mut rig.prepared);
+        assert_eq!(rig.control.home(), Err(Refusal::Busy));
+        rig.control.disarm();
+        assert!(rig.control.standing().homed);
+        rig.control.start_lock_step(&mut rig.prepared);
+        assert_eq!(rig.control.home(), Err(Refusal::Busy));
+        rig.control.disarm();
+        assert!(!rig.control.standing().homed);
     }
 
     #[test]
@@ -490,7 +545,7 @@ mod tests {
     #[test]
     fn every_cause_stops_an_armed_arm_at_once_and_is_latched() {
         type Cause = fn(&mut Rig);
-        let causes: [(Fault, Cause); 6] = [
+        let causes: [(Fault, Cause); 7] = [
             (Fault::EmergencyStop, |rig| {
                 rig.board.drives.interlocks.as_mut().unwrap().stop_released = false;
             }),
@@ -499,6 +554,9 @@ mod tests {
             }),
             (Fault::SensorsStale, |rig| {
                 rig.board.sensors.sample.fresh = false;
+            }),
+            (Fault::SensorRange, |rig| {
+                rig.board.sensors.sample.strain = 4095;
             }),
             (Fault::TickOverrun, |rig| {
                 // The tick that is late is found out at its end, so the next one stops.
@@ -530,11 +588,11 @@ mod tests {
             assert_eq!(rig.torque(), None, "{fault}");
             let (mode, _, latched, ..) = rig.control.report();
             assert_eq!((mode, latched), (Mode::Disarmed, Some(fault)));
-            assert_eq!(rig.control.standing().0, Some(fault));
+            assert_eq!(rig.control.standing().latched, Some(fault));
             rig.tick();
             assert_eq!(rig.torque(), None);
             rig.control.acknowledge();
-            assert_eq!(rig.control.standing().0, None);
+            assert_eq!(rig.control.standing().latched, None);
         }
     }
 
@@ -568,7 +626,7 @@ mod tests {
             assert!((report.measured.force - 1.0).abs() < 1e-6);
             let slope = (f32::from(count) - 2048.0) * 1e-3;
             assert!((report.measured.root_slope - slope).abs() < 1e-6);
-            assert_eq!(rig.control.standing().2.is_some(), i != 0, "fresh");
+            assert_eq!(rig.control.standing().condition.fresh, i != 0);
         }
     }
 

@@ -48,11 +48,13 @@ pub enum Fault {
     TickOverrun = 19,
     /// The host fell silent while the arm was armed.
     LinkTimeout = 20,
+    /// A converter is at its rail: a wire is broken, or more is measured than its range.
+    SensorRange = 21,
 }
 
 impl Fault {
     /// Every fault.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::MeasurementNotFinite,
         Self::TorqueNotFinite,
         Self::EmergencyStop,
@@ -60,6 +62,7 @@ impl Fault {
         Self::SensorsStale,
         Self::TickOverrun,
         Self::LinkTimeout,
+        Self::SensorRange,
     ];
 
     /// Stable number; 0 is left for "none".
@@ -77,6 +80,7 @@ impl Fault {
             Self::SensorsStale => "sensors_stale",
             Self::TickOverrun => "tick_overrun",
             Self::LinkTimeout => "link_timeout",
+            Self::SensorRange => "sensor_range",
         }
     }
 }

@@ -38,6 +38,7 @@
 //! | 6 stop lock-step | `06` |
 //! | 7 measured | `07`, sequence varint, measurement |
 //! | 8 sensors | `08` |
+//! | 9 home | `09` |
 //!
 //! A [`Measurement`] is 22 bytes: angle 2 x f32, root slope f32, root slope rate f32, force
 //! f32, drive 2 x ([`Limiting`](crate::guard::Limiting): 0 no, 1 from above, 2 from below).
@@ -59,10 +60,12 @@
 //! | 5 lock-step | `05`, table: CRC u32, arm fingerprint u32, ticks u32, varints |
 //! | 6 log | `06`, number of bytes u8 (as varint), and those: one entry of defmt's raw encoding (wire format 4), read with the symbols of the ELF |
 //! | 7 armed | `07`, slot, table as above |
-//! | 8 sensors | `08`, counts: encoders 2 x u16, force u16, strain u16 (varints), fresh bool; measurement; stop released bool, drives well bool |
+//! | 8 sensors | `08`, counts: encoders 2 x u16, force u16, strain u16 (varints), fresh bool; measurement; stop released, drives well, converters off their rails, homed: bools |
 //!
 //! # Arming
 //!
+//! After a start, and after lock-step, the positions of the joints are not known: *home* says
+//! that the arm stands at its home pose, and without it *arm* is refused.
 //! *arm* without a slot takes slot A's table, or slot B's where A has none that is usable;
 //! with a slot, that slot's and no other. *armed* names what runs from now on. Any request
 //! keeps an armed arm going, and 100 ms without one stop it; *status* is meant for that. At the
@@ -141,7 +144,7 @@ pub enum Request {
     },
     /// Drives off.
     Disarm,
-    /// Forget the latched fault, when its cause has gone.
+    /// Forget the latched fault. A cause that still stands refuses the next arming.
     Acknowledge,
     /// Begin lock-step with this table and setup; begins again when already running.
     /// Answered by [`Reply::LockStep`].
@@ -163,6 +166,9 @@ pub enum Request {
     /// What do the sensors and interlocks say? In any mode; answered by
     /// [`Reply::Sensors`].
     Sensors,
+    /// The arm stands at its home pose, from which the encoders count. Wanted once after
+    /// every start and every lock-step, before the arm can be armed.
+    Home,
 }
 
 /// What the microcontroller answers.
@@ -552,6 +558,7 @@ mod tests {
     #[test]
     fn sensors_and_interlocks_are_as_documented() {
         assert_eq!(frame(&Request::Sensors), raw_frame(&[VERSION, 8]));
+        assert_eq!(frame(&Request::Home), raw_frame(&[VERSION, 9]));
         let report = Reply::Sensors(SensorReport {
             raw: RawSample {
                 encoder: [1, 65_535],
@@ -570,12 +577,14 @@ mod tests {
                 stop_released: true,
                 drives_well: false,
             },
+            in_range: false,
+            homed: true,
         });
         let mut body = std::vec![VERSION, 8, 1, 0xff, 0xff, 3, 0xff, 0x1f, 0x80, 1, 1];
         for value in [1.0_f32, -2.0, 0.5, 0.0, 1.5] {
             body.extend(value.to_le_bytes());
         }
-        body.extend([0, 0, 1, 0]);
+        body.extend([0, 0, 1, 0, 0, 1]);
         assert_eq!(frame(&report), raw_frame(&body));
         assert_eq!(replies(&frame(&report)), [report]);
     }

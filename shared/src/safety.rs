@@ -5,7 +5,7 @@
 //! by the caller until the host acknowledges it. The declared fallback of every fault is
 //! the same: torques zero, drives off.
 
-use crate::guard::Fault;
+use crate::guard::{Fault, LimitParameters};
 use crate::law::Measurement;
 use crate::slot::{Slot, SlotError};
 use crate::table::Reference;
@@ -44,6 +44,15 @@ pub enum Refusal {
         /// Theta10, theta20, root slope less the table's, rad.
         deviation_rad: [f32; 3],
     },
+    /// Where the joints are is not known; say so when the arm stands at its home pose.
+    NotHomed,
+    /// The table may ask for more torque than the limits and the drives allow.
+    TooMuchTorque {
+        /// Bound of the table's torques, N m.
+        planned_nm: [f32; 2],
+        /// What is allowed, N m.
+        limit_nm: [f32; 2],
+    },
 }
 
 impl fmt::Display for Refusal {
@@ -70,6 +79,16 @@ impl fmt::Display for Refusal {
                 f,
                 "the arm is {deviation_rad:?} rad (theta10, theta20, root slope) from the table's first row"
             ),
+            Self::NotHomed => f.write_str(
+                "the joints' positions are not known since start or lock-step: put the arm in its home pose and say so (home)",
+            ),
+            Self::TooMuchTorque {
+                planned_nm,
+                limit_nm,
+            } => write!(
+                f,
+                "the table asks for up to {planned_nm:?} N m, the limits and the drives allow {limit_nm:?}"
+            ),
         }
     }
 }
@@ -84,17 +103,46 @@ pub struct SafetyLimits {
     pub link_timeout_ticks: u32,
 }
 
-/// The fault that keeps the drives off at this moment.
-fn standing(interlocks: Interlocks, fresh: bool) -> Option<Fault> {
-    if !interlocks.stop_released {
-        Some(Fault::EmergencyStop)
-    } else if !interlocks.drives_well {
-        Some(Fault::Drive)
-    } else if !fresh {
-        Some(Fault::SensorsStale)
-    } else {
-        None
+/// Drives and sensors at one moment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Condition {
+    /// Emergency stop and drives.
+    pub interlocks: Interlocks,
+    /// Both conversions are new since the tick before.
+    pub fresh: bool,
+    /// Both converters are off their rails.
+    pub in_range: bool,
+}
+
+impl Condition {
+    /// The fault that keeps the drives off.
+    #[inline]
+    pub fn fault(&self) -> Option<Fault> {
+        if !self.interlocks.stop_released {
+            Some(Fault::EmergencyStop)
+        } else if !self.interlocks.drives_well {
+            Some(Fault::Drive)
+        } else if !self.fresh {
+            Some(Fault::SensorsStale)
+        } else if !self.in_range {
+            Some(Fault::SensorRange)
+        } else {
+            None
+        }
     }
+}
+
+/// What decides whether an arm may be armed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Standing {
+    /// The latched fault.
+    pub latched: Option<Fault>,
+    /// Where the joints are is known.
+    pub homed: bool,
+    /// Drives and sensors now.
+    pub condition: Condition,
+    /// What the sensors say.
+    pub measured: Measurement<f32>,
 }
 
 /// The table to arm with, and its slot: the `wanted` slot's and no other, or without a wish
@@ -125,18 +173,19 @@ pub fn table_to_arm<T>(
 /// The first [`Refusal`] that applies.
 pub fn may_arm(
     limits: &SafetyLimits,
-    latched: Option<Fault>,
-    interlocks: Interlocks,
-    measured: Option<&Measurement<f32>>,
+    standing: &Standing,
     first_row: &Reference<f32>,
 ) -> Result<(), Refusal> {
-    if let Some(fault) = latched {
+    let measured = &standing.measured;
+    if let Some(fault) = standing.latched {
         return Err(Refusal::Latched(fault));
     }
-    if let Some(fault) = standing(interlocks, measured.is_some()) {
+    if let Some(fault) = standing.condition.fault() {
         return Err(Refusal::Cause(fault));
     }
-    let measured = measured.ok_or(Refusal::Cause(Fault::SensorsStale))?;
+    if !standing.homed {
+        return Err(Refusal::NotHomed);
+    }
     let deviation_rad = [
         measured.angle[0] - first_row.angle[0],
         measured.angle[1] - first_row.angle[1],
@@ -147,6 +196,23 @@ pub fn may_arm(
         Ok(())
     } else {
         Err(Refusal::AwayFromStart { deviation_rad })
+    }
+}
+
+/// Whether a table whose torques are bounded by `planned_nm` keeps within the limits: the law
+/// would lose the path where they cut it off.
+///
+/// # Errors
+/// [`Refusal::TooMuchTorque`].
+pub fn may_plan(planned_nm: [f32; 2], limits: &LimitParameters) -> Result<(), Refusal> {
+    let within = |joint: usize| f64::from(planned_nm[joint]) <= limits.torque_nm[joint];
+    if within(0) && within(1) {
+        Ok(())
+    } else {
+        Err(Refusal::TooMuchTorque {
+            planned_nm,
+            limit_nm: limits.torque_nm.map(|limit| limit as f32),
+        })
     }
 }
 
@@ -171,12 +237,13 @@ impl Watch {
         self.silent_ticks = 0;
     }
 
-    /// The fault of this tick, if any. `fresh`: the sensors gave new values since the
-    /// last tick; `late`: the last tick was not over when this one was due.
+    /// The fault of this tick, if any. `late`: the last tick was not over when this one was
+    /// due.
     #[inline]
-    pub fn tick(&mut self, interlocks: Interlocks, fresh: bool, late: bool) -> Option<Fault> {
+    pub fn tick(&mut self, condition: &Condition, late: bool) -> Option<Fault> {
         self.silent_ticks = self.silent_ticks.saturating_add(1);
-        standing(interlocks, fresh)
+        condition
+            .fault()
             .or(late.then_some(Fault::TickOverrun))
             .or((self.silent_ticks > self.link_timeout_ticks).then_some(Fault::LinkTimeout))
     }
@@ -190,14 +257,30 @@ mod tests {
         start_rad: [0.01, 0.01, 0.02],
         link_timeout_ticks: 3,
     };
-    const GOOD: Interlocks = Interlocks {
-        stop_released: true,
-        drives_well: true,
+    const GOOD: Condition = Condition {
+        interlocks: Interlocks {
+            stop_released: true,
+            drives_well: true,
+        },
+        fresh: true,
+        in_range: true,
     };
-    const STOPPED: Interlocks = Interlocks {
-        stop_released: false,
-        drives_well: true,
-    };
+
+    /// Each condition that alone keeps the drives off, and its fault.
+    fn bad() -> [(Fault, Condition); 4] {
+        let mut bad = [
+            Fault::EmergencyStop,
+            Fault::Drive,
+            Fault::SensorsStale,
+            Fault::SensorRange,
+        ]
+        .map(|fault| (fault, GOOD));
+        bad[0].1.interlocks.stop_released = false;
+        bad[1].1.interlocks.drives_well = false;
+        bad[2].1.fresh = false;
+        bad[3].1.in_range = false;
+        bad
+    }
 
     fn row() -> Reference<f32> {
         Reference {
@@ -207,11 +290,16 @@ mod tests {
         }
     }
 
-    fn at_start() -> Measurement<f32> {
-        Measurement {
-            angle: [0.905, -0.705],
-            root_slope: 0.18,
-            ..Measurement::default()
+    fn at_start() -> Standing {
+        Standing {
+            latched: None,
+            homed: true,
+            condition: GOOD,
+            measured: Measurement {
+                angle: [0.905, -0.705],
+                root_slope: 0.18,
+                ..Measurement::default()
+            },
         }
     }
 
@@ -242,57 +330,63 @@ mod tests {
 
     #[test]
     fn an_arm_at_the_start_with_good_inputs_may_be_armed() {
-        assert_eq!(
-            may_arm(&LIMITS, None, GOOD, Some(&at_start()), &row()),
-            Ok(())
-        );
+        assert_eq!(may_arm(&LIMITS, &at_start(), &row()), Ok(()));
     }
 
     #[test]
     fn each_condition_refuses_by_itself() {
-        let refusal = |latched, interlocks, measured: Option<&Measurement<f32>>| {
-            may_arm(&LIMITS, latched, interlocks, measured, &row()).unwrap_err()
+        let refusal = |change: &dyn Fn(&mut Standing)| {
+            let mut standing = at_start();
+            change(&mut standing);
+            may_arm(&LIMITS, &standing, &row()).unwrap_err()
         };
-        let here = at_start();
         assert_eq!(
-            refusal(Some(Fault::Drive), GOOD, Some(&here)),
+            refusal(&|s| s.latched = Some(Fault::Drive)),
             Refusal::Latched(Fault::Drive)
         );
-        assert_eq!(
-            refusal(None, STOPPED, Some(&here)),
-            Refusal::Cause(Fault::EmergencyStop)
-        );
-        assert_eq!(
-            refusal(None, GOOD, None),
-            Refusal::Cause(Fault::SensorsStale)
-        );
-        for change in 0..4 {
-            let mut away = here;
-            match change {
-                0 => away.angle[0] += 0.01,
-                1 => away.angle[1] -= 0.01,
-                2 => away.root_slope += 0.02,
-                _ => away.root_slope = f32::NAN,
-            }
-            assert!(matches!(
-                refusal(None, GOOD, Some(&away)),
-                Refusal::AwayFromStart { .. }
-            ));
+        for (fault, condition) in bad() {
+            assert_eq!(refusal(&|s| s.condition = condition), Refusal::Cause(fault));
+        }
+        assert_eq!(refusal(&|s| s.homed = false), Refusal::NotHomed);
+        let away: [fn(&mut Measurement<f32>); 4] = [
+            |m| m.angle[0] += 0.01,
+            |m| m.angle[1] -= 0.01,
+            |m| m.root_slope += 0.02,
+            |m| m.root_slope = f32::NAN,
+        ];
+        for change in away {
+            let refusal = refusal(&|s| change(&mut s.measured));
+            assert!(matches!(refusal, Refusal::AwayFromStart { .. }));
+        }
+    }
+
+    #[test]
+    fn a_table_beyond_the_limits_is_refused() {
+        let limits = LimitParameters {
+            torque_nm: [20.0, 2.0],
+            torque_rate_nm_s: [1e3; 2],
+        };
+        assert_eq!(may_plan([20.0, 2.0], &limits), Ok(()));
+        for planned_nm in [[20.1, 1.0], [1.0, 2.1], [f32::NAN, 0.0]] {
+            let refusal = may_plan(planned_nm, &limits).unwrap_err();
+            assert!(matches!(refusal, Refusal::TooMuchTorque { .. }));
         }
     }
 
     #[test]
     fn an_armed_arm_stops_for_each_cause() {
         let mut watch = Watch::new(&LIMITS);
-        assert_eq!(watch.tick(GOOD, true, false), None);
-        assert_eq!(watch.tick(STOPPED, true, false), Some(Fault::EmergencyStop));
-        assert_eq!(watch.tick(GOOD, false, false), Some(Fault::SensorsStale));
+        assert_eq!(watch.tick(&GOOD, false), None);
+        for (fault, condition) in bad() {
+            watch.heard();
+            assert_eq!(watch.tick(&condition, false), Some(fault));
+        }
         watch.heard();
-        assert_eq!(watch.tick(GOOD, true, true), Some(Fault::TickOverrun));
-        assert_eq!(watch.tick(GOOD, true, false), None);
-        assert_eq!(watch.tick(GOOD, true, false), None);
-        assert_eq!(watch.tick(GOOD, true, false), Some(Fault::LinkTimeout));
+        assert_eq!(watch.tick(&GOOD, true), Some(Fault::TickOverrun));
+        assert_eq!(watch.tick(&GOOD, false), None);
+        assert_eq!(watch.tick(&GOOD, false), None);
+        assert_eq!(watch.tick(&GOOD, false), Some(Fault::LinkTimeout));
         watch.heard();
-        assert_eq!(watch.tick(GOOD, true, false), None);
+        assert_eq!(watch.tick(&GOOD, false), None);
     }
 }

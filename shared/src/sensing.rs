@@ -8,7 +8,11 @@
 //!
 //! **Encoders** count 16 bits and wrap. The position is extended by the signed
 //! difference from tick to tick, right as long as less than 32,768 counts pass in one.
-//! They are incremental: where the arm stood at start is the *home* pose.
+//! They are incremental: they know the angles when the arm has stood at its *home* pose once
+//! and [`Sensing::home`] was told.
+//!
+//! **Rails.** A converter near the end of its range says that a wire is broken, or that more
+//! is measured than fits; either way its value is none to act on.
 //!
 //! **Slope rate.** The backward difference of the root slope. A step of the converter
 //! shows in it as `step * rate`; the law's slope rate filter is what tames that.
@@ -35,12 +39,14 @@ pub struct RawSample {
 pub struct Calibration {
     /// Joint angle a count, rad; negative where the encoder counts against the angle.
     pub encoder_rad: [f32; 2],
-    /// Motor angles at start (home pose), rad.
+    /// Motor angles at the home pose, rad.
     pub home_rad: [f32; 2],
     /// Contact force a count, N, and count without force.
     pub force_n: (f32, f32),
     /// Root slope a count, rad, and count of the straight link.
     pub slope_rad: (f32, f32),
+    /// Least and largest converter count that is off the rails.
+    pub range: (u16, u16),
 }
 
 /// Follows the counts, in integers, and turns them into measurements where one is wanted.
@@ -60,7 +66,8 @@ pub struct Sensing {
 }
 
 impl Sensing {
-    /// Begins at the home pose, where `first` was sampled.
+    /// Begins where `first` was sampled, and takes that for the home pose until
+    /// [`home`](Self::home).
     pub fn new(calibration: &Calibration, tick_rate_hz: u32, first: &RawSample) -> Self {
         let home = first.encoder.map(i32::from);
         Self {
@@ -87,6 +94,21 @@ impl Sensing {
         self.strain = raw.strain;
         self.force = raw.force;
         self.fresh = raw.fresh;
+    }
+
+    /// The arm stands at its home pose: its motor angles are
+    /// [`Calibration::home_rad`] where the latest sample was taken.
+    pub fn home(&mut self) {
+        self.home = self.position;
+    }
+
+    /// True when both converters are off their rails.
+    #[inline]
+    pub fn in_range(&self) -> bool {
+        let (least, largest) = self.calibration.range;
+        [self.force, self.strain]
+            .into_iter()
+            .all(|count| least <= count && count <= largest)
     }
 
     /// The latest sample.
@@ -130,6 +152,7 @@ mod tests {
         home_rad: [0.5, -1.0],
         force_n: (0.01, 2048.0),
         slope_rad: (0.001, 2000.0),
+        range: (16, 4079),
     };
 
     #[test]
@@ -156,6 +179,41 @@ mod tests {
         assert!((m.angle[0] - 0.51).abs() < 1e-6);
         assert!((m.angle[1] - (0.51 - 0.98 - 0.11)).abs() < 1e-6);
         assert!((m.root_slope_rate - 10.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn home_is_where_the_arm_is_said_to_stand() {
+        let mut sensing = Sensing::new(&CALIBRATION, 1000, &RawSample::default());
+        let raw = RawSample {
+            encoder: [1000, 500],
+            strain: 2000,
+            ..RawSample::default()
+        };
+        sensing.follow(&raw);
+        assert!((sensing.measurement().angle[0] - 1.5).abs() < 1e-6);
+        sensing.home();
+        let m = sensing.measurement();
+        assert!((m.angle[0] - 0.5).abs() < 1e-6 && (m.angle[1] + 0.5).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_converter_at_either_rail_is_out_of_range() {
+        let mut sensing = Sensing::new(&CALIBRATION, 1000, &RawSample::default());
+        for (force, strain, expected) in [
+            (2048, 2048, true),
+            (16, 4079, true),
+            (15, 2048, false),
+            (2048, 15, false),
+            (4080, 2048, false),
+            (2048, 4095, false),
+        ] {
+            sensing.follow(&RawSample {
+                force,
+                strain,
+                ..RawSample::default()
+            });
+            assert_eq!(sensing.in_range(), expected, "{force} {strain}");
+        }
     }
 
     proptest! {

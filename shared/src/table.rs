@@ -594,6 +594,20 @@ impl<'a> Table<'a> {
         &self.header
     }
 
+    /// Bounds of the magnitudes of (tau1, tau2), N m: a spline stays within its knots. Looks
+    /// at every row.
+    pub fn torque_bound(&self) -> [f32; 2] {
+        [0, 1].map(|column| {
+            let knots = self.rows.iter().map(|row| {
+                let (raw, _) = row.as_chunks::<4>();
+                let raw = raw.get(column).map_or([0; 4], |bytes| *bytes);
+                i32::from_le_bytes(raw).unsigned_abs()
+            });
+            let largest = f64::from(knots.max().unwrap_or(0));
+            libm::ldexp(largest, -i32::from(self.header.scaling[column])) as f32
+        })
+    }
+
     /// The table's pieces, in order.
     pub fn pieces(&self) -> impl ExactSizeIterator<Item = Piece> + 'a {
         self.pieces.iter().map(Piece::decode)
@@ -900,6 +914,27 @@ mod tests {
                 );
             }
             cursor.advance();
+        }
+    }
+
+    #[test]
+    fn torques_keep_within_the_bound_and_come_near_it() {
+        let image = image();
+        let table = Table::open_for(&image, 7).unwrap();
+        let bound = table.torque_bound();
+        let mut cursor = table.cursor::<f32>();
+        let mut largest = [0.0_f32; 2];
+        while !cursor.at_end() {
+            for (largest, torque) in largest.iter_mut().zip(cursor.reference().torque) {
+                *largest = largest.max(torque.abs());
+            }
+            cursor.advance();
+        }
+        for (largest, bound) in largest.into_iter().zip(bound) {
+            assert!(
+                largest <= bound && bound < 2.0 * largest,
+                "{largest} {bound}"
+            );
         }
     }
 

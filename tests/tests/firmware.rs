@@ -268,9 +268,12 @@ fn sensors_are_told_in_every_mode() {
         let RawSample { force, strain, .. } = report.raw;
         assert_eq!((force, strain, report.raw.fresh), (0, 0, false));
         assert!(!report.interlocks.stop_released && !report.interlocks.drives_well);
-        report.measured
+        assert!(!report.in_range, "no counts are a converter's rail");
+        report
     };
-    check(&mut processor);
+    assert!(!check(&mut processor).homed);
+    processor.home().unwrap();
+    assert!(check(&mut processor).homed);
     processor.start(Slot::A, &setup()).unwrap();
     // What the sensors say, and not what the host says in their place.
     let simulated = Measurement {
@@ -278,7 +281,14 @@ fn sensors_are_told_in_every_mode() {
         ..Measurement::default()
     };
     processor.tick(0, &simulated).unwrap();
-    let measured = check(&mut processor);
+    let report = check(&mut processor);
+    // The timers may have turned unseen.
+    assert!(!report.homed);
+    assert!(matches!(
+        processor.home(),
+        Err(ProcessorError::Refused(Refusal::Busy))
+    ));
+    let measured = report.measured;
     // No counts are the lowest force and slope, below their zeros in the middle.
     assert!((measured.force + 20.0).abs() < 0.1, "{}", measured.force);
     assert!((measured.root_slope + 0.5).abs() < 0.01);

@@ -383,6 +383,18 @@ fn masked_from(all: &[Instruction], start: usize) -> Result<u64> {
 mod tests {
     use super::*;
 
+    #[test]
+    fn flash_and_ram_are_where_the_memory_map_has_them() {
+        let map = fs::read_to_string(crate::root().join("memory.x")).unwrap();
+        let flash = (FLASH.end - FLASH.start) / 1024;
+        for region in [
+            format!("FLASH : ORIGIN = {:#010x}, LENGTH = {flash}K", FLASH.start),
+            format!("RAM : ORIGIN = {RAM_START:#010x}, "),
+        ] {
+            assert!(map.contains(&region), "no {region}");
+        }
+    }
+
     const LISTING: &str = "\
 08000100 <TIM2>:
  8000100:\tpush\t{r7, lr}

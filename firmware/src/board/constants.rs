@@ -1,5 +1,6 @@
 //! Every number of the default board, each with where it comes from.
 
+use shared::board::DriveScale;
 use shared::safety::SafetyLimits;
 use shared::sensing::Calibration;
 
@@ -47,7 +48,9 @@ pub const TRANSMIT_QUEUE: usize = 512;
 
 /// Time until the watchdog resets, ms. It has steps of 8 ms and rounds up, to 56 ms, by a
 /// clock of nominally 32 kHz that is 17 to 47 kHz over parts and temperature: 38 to 105 ms.
-/// Opening two tables at start, the longest that the main loop is away, takes 15 ms at 16 MHz.
+/// The longest that the main loop is away is to open two tables, some 7 cycles a byte: two full
+/// slots (256 KiB) take 11 ms at 168 MHz. At 16 MHz, crystal and PLL both broken, it is 4 ms for
+/// two tables of the demo's 4.5 KB, and more than 40 KB each could outlast the watchdog.
 pub const WATCHDOG_MS: u32 = 50;
 
 /// Core cycles after which the main loop wakes at the latest, to feed the watchdog: 10 ms
@@ -79,13 +82,15 @@ pub const CALIBRATION: Calibration = Calibration {
     home_rad: [core::f32::consts::FRAC_PI_2, 0.0],
     force_n: (FORCE_N, HALF_RANGE),
     slope_rad: (SLOPE_RAD, HALF_RANGE),
+    // 13 mV from either rail, where an amplifier of single supply still gets, is 16 counts.
+    range: (16, 4079),
 };
 
 // --- Drives ------------------------------------------------------------------------------
 
 /// Torques at the ends of the drives' analog range, N m: a current-controlled drive
 /// that takes -10 to 10 V behind a level shifter from 0 to 3.3 V.
-pub const DRIVE_FULL_SCALE_NM: [f32; 2] = [40.0, 4.0];
+const DRIVE_FULL_SCALE_NM: [f32; 2] = [40.0, 4.0];
 /// Largest torques that the drives can be asked for, N m. The converter's output buffer ends
 /// 0.2 V from either rail (datasheet, DAC characteristics): 1.45 V of 1.65 V. The law's own limits are
 /// never wider when the arm is armed.
@@ -98,6 +103,17 @@ pub const DRIVE_LIMIT_NM: [f64; 2] = {
 };
 /// Count of the digital-analog converter (12 bits) that commands no torque.
 pub const DAC_ZERO: u16 = 2048;
+/// How the drives' torques become counts.
+pub const DRIVES: [DriveScale; 2] = [
+    DriveScale {
+        zero: DAC_ZERO,
+        full_scale_nm: DRIVE_FULL_SCALE_NM[0],
+    },
+    DriveScale {
+        zero: DAC_ZERO,
+        full_scale_nm: DRIVE_FULL_SCALE_NM[1],
+    },
+];
 
 // --- Safety ----------------------------------------------------------------------------
 

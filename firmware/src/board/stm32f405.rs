@@ -23,7 +23,7 @@
 
 use super::constants::{
     APB1_PLL_HZ, APB2_PLL_HZ, BAUD, CONVERSION_LEAD_COUNTS, CORE_PLL_HZ, CRYSTAL_HZ, CRYSTAL_POLLS,
-    DAC_ZERO, DRIVE_FULL_SCALE_NM, PLL_POLLS, TICK_RATE_HZ, WATCHDOG_MS,
+    DAC_ZERO, DRIVES, PLL_POLLS, TICK_RATE_HZ, WATCHDOG_MS,
 };
 use core::ops::Deref;
 use cortex_m::peripheral::{DCB, DWT};
@@ -283,14 +283,8 @@ pub struct AnalogDrives {
 impl Drives for AnalogDrives {
     #[inline]
     fn command(&mut self, torque: [f32; 2]) {
-        let counts = [0, 1].map(|i| {
-            let span = f32::from(DAC_ZERO);
-            let count = span + torque[i] * (span / DRIVE_FULL_SCALE_NM[i]);
-            // Half a count is a 4000th of full scale.
-            (count as i32).clamp(0, i32::from(2 * DAC_ZERO - 1)) as u16
-        });
-        self.torques.0.set_value(counts[0]);
-        self.torques.1.set_value(counts[1]);
+        self.torques.0.set_value(DRIVES[0].count(torque[0]));
+        self.torques.1.set_value(DRIVES[1].count(torque[1]));
         self.enables.all_high();
     }
 
@@ -440,15 +434,18 @@ impl Serial {
         Self(usart)
     }
 
-    /// A received byte, if there is one, and whether bytes before it were lost.
+    /// A received byte, if there is one, and whether another was lost.
     #[inline]
-    pub fn receive(&mut self) -> Option<(u8, bool)> {
+    pub fn receive(&mut self) -> (Option<u8>, bool) {
         let status = self.0.sr().read();
-        // Reading the data clears the overrun as well.
-        status
-            .rxne()
-            .bit_is_set()
-            .then(|| (self.0.dr().read().bits() as u8, status.ore().bit_is_set()))
+        let (full, overrun) = (status.rxne().bit_is_set(), status.ore().bit_is_set());
+        if !full && !overrun {
+            return (None, false);
+        }
+        // Clears the overrun, too. That may come alone, when a byte arrives between the two
+        // readings; unread it would interrupt without end.
+        let byte = self.0.dr().read().bits() as u8;
+        (full.then_some(byte), overrun)
     }
 
     /// True when a byte can be sent.

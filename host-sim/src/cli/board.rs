@@ -113,6 +113,11 @@ enum Verb {
         #[arg(long, value_enum)]
         slot: Option<SlotArg>,
     },
+    /// Says that the arm stands at its home pose, from which the encoders count
+    #[command(
+        after_help = "Example: host-sim board home --port /dev/ttyUSB0\n\nWanted before arming, once after every start and after every pil. Nothing moves."
+    )]
+    Home,
     /// Drives off
     #[command(after_help = "Example: host-sim board disarm --port /dev/ttyUSB0")]
     Disarm,
@@ -219,6 +224,10 @@ pub(super) fn board(args: &BoardArgs) -> Result<(), CliError> {
                 .disarm()
                 .map_err(BoardError::NotDisarmed)
                 .map_err(failed)?;
+            standing(board, args.json)
+        }
+        Verb::Home => {
+            board.home().map_err(failed)?;
             standing(board, args.json)
         }
         Verb::Acknowledge => {
@@ -432,6 +441,8 @@ fn sensors_json(report: &SensorReport) -> Map<String, Value> {
         raw,
         measured,
         interlocks,
+        in_range,
+        homed,
     } = report;
     export::object([
         ("encoder1_counts", json!(raw.encoder[0])),
@@ -439,6 +450,8 @@ fn sensors_json(report: &SensorReport) -> Map<String, Value> {
         ("force_counts", json!(raw.force)),
         ("strain_counts", json!(raw.strain)),
         ("fresh", json!(raw.fresh)),
+        ("in_range", json!(in_range)),
+        ("homed", json!(homed)),
         ("theta10_rad", json!(measured.angle[0])),
         ("theta20_rad", json!(measured.angle[1])),
         ("root_slope_rad", json!(measured.root_slope)),
@@ -454,6 +467,8 @@ fn sensors_facts(report: &SensorReport) -> Vec<(&'static str, String)> {
         raw,
         measured,
         interlocks,
+        in_range,
+        homed,
     } = report;
     let counts = |count: u16| format!("{count:8} counts");
     let rad = |angle: f32| format!("{angle:8.4} rad");
@@ -464,10 +479,20 @@ fn sensors_facts(report: &SensorReport) -> Vec<(&'static str, String)> {
         ("strain gauge", counts(raw.strain)),
         (
             "conversions",
-            if raw.fresh {
-                "fresh".into()
+            match (raw.fresh, in_range) {
+                (true, true) => "fresh".into(),
+                (false, _) => "not fresh: force cell and strain gauge gave nothing new".into(),
+                (true, false) => {
+                    "force cell or strain gauge at its rail: a broken wire, or too much".into()
+                }
+            },
+        ),
+        (
+            "positions",
+            if *homed {
+                "known".into()
             } else {
-                "not fresh: force cell and strain gauge gave nothing new".into()
+                "counted from where it stood at start: not homed".into()
             },
         ),
         ("theta10", rad(measured.angle[0])),
@@ -519,6 +544,8 @@ fn sensors_line(report: &SensorReport) -> String {
         raw,
         measured: m,
         interlocks,
+        in_range,
+        ..
     } = report;
     let either = |good: bool, yes: &'static str, no: &'static str| if good { yes } else { no };
     format!(
@@ -534,7 +561,7 @@ fn sensors_line(report: &SensorReport) -> String {
         column(m.force, 7, 3),
         either(interlocks.stop_released, "free", "STOP"),
         either(interlocks.drives_well, "well", "FAULTY"),
-        either(raw.fresh, "yes", "NO"),
+        either(raw.fresh, either(*in_range, "yes", "END"), "NO"),
     )
 }
 
@@ -720,6 +747,8 @@ mod tests {
                 stop_released: false,
                 drives_well: false,
             },
+            in_range: true,
+            homed: true,
         };
         let line = sensors_line(&report);
         assert_eq!(line.len(), SENSORS_HEAD[0].len());
