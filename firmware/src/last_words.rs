@@ -82,6 +82,10 @@ unsafe extern "C" fn hard_fault_entry() -> ! {
 extern "C" fn hard_fault(frame: *const u32) -> ! {
     /// Place of the program counter in the frame: after r0 to r3, r12 and lr.
     const PC: usize = 6;
+    /// Bytes that an instruction may push at once: all registers that a function saves, 9 of
+    /// the core's and 16 of the floating-point unit's, and some. Where such a push goes beyond
+    /// the stack's end, the frame, being smaller, may still fit above it.
+    const LARGEST_PUSH: usize = 128;
     unsafe extern "C" {
         static _stack_end: u32;
         static _stack_start: u32;
@@ -89,7 +93,7 @@ extern "C" fn hard_fault(frame: *const u32) -> ! {
     emergency_off();
     // SAFETY: a read without side effects of a register that always exists.
     let status = unsafe { (*SCB::PTR).cfsr.read() };
-    let stack = (&raw const _stack_end).addr()..(&raw const _stack_start).addr();
+    let stack = (&raw const _stack_end).addr() + LARGEST_PUSH..(&raw const _stack_start).addr();
     if stack.contains(&frame.addr()) {
         // SAFETY: within the stack, where the hardware has just written it.
         let pc = unsafe { frame.add(PC).read() };

@@ -406,13 +406,17 @@ fn a_fault_switches_off_resets_and_is_reported() {
 #[test]
 #[ignore = "needs the image: cargo xtask test"]
 fn a_stack_overflow_switches_off_resets_and_is_reported() {
-    // `push {r0-r7, lr}` and back to it.
-    let (bytes, _) = image_with_tick(|_, _| vec![0xff, 0xb5, 0xfd, 0xe7]);
-    let StartReason::StackOverflow { status } = restart(&bytes) else {
-        panic!("not taken for a stack overflow");
-    };
-    const BUS_FAULTS: u32 = 0xff00;
-    assert_ne!(status & BUS_FAULTS, 0);
+    // `push {r0-r7, lr}` and back to it, after `sub sp, #4 * skip`: wherever in the nine words
+    // the stack ends, whether or not the exception's frame still fits above that.
+    for skip in 0..9 {
+        let (bytes, _) = image_with_tick(|_, _| vec![0x80 | skip, 0xb0, 0xff, 0xb5, 0xfd, 0xe7]);
+        let reason = restart(&bytes);
+        let StartReason::StackOverflow { status } = reason else {
+            panic!("taken for {reason:?}, {skip} words on");
+        };
+        const BUS_FAULTS: u32 = 0xff00;
+        assert_ne!(status & BUS_FAULTS, 0);
+    }
 }
 
 #[test]
