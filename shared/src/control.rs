@@ -98,7 +98,7 @@ pub struct Control<'a> {
 }
 
 impl<'a> Control<'a> {
-    /// Disarmed, at the home pose. `place` is where the controllers will be.
+    /// Disarmed and not homed. `place` is where the controllers will be.
     pub fn new<S: Sensors, D, T, W>(
         board: &mut TickBoard<S, D, T, W>,
         place: &'a mut Prepared<'a>,

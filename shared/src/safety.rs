@@ -93,6 +93,8 @@ impl fmt::Display for Refusal {
     }
 }
 
+impl core::error::Error for Refusal {}
+
 /// Limits of this module.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SafetyLimits {
