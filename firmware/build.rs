@@ -2,7 +2,7 @@
 //!
 //! `cargo xtask firmware` plans the table on the host and says in environment variables
 //! where it is: `FLEXOR_TABLE` (table image), `FLEXOR_SETUP` (encoded
-//! `shared::link::Setup`), `FLEXOR_GIT` (commit, eight hex digits, and `+` if modified).
+//! `flexor::link::Setup`), `FLEXOR_GIT` (commit, eight hex digits, and `+` if modified).
 
 use std::path::PathBuf;
 use std::{env, fs};

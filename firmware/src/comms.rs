@@ -2,16 +2,15 @@
 
 use crate::board::Clocks;
 use crate::board::constants::{DRIVE_LIMIT_NM, SAFETY, TICK_RATE_HZ};
-use crate::{identity, log, slots, stack};
-use rtic::Mutex;
-use shared::control::{Control, Mode, Prepared};
-use shared::controller::Controller;
-use shared::link::{
+use crate::{flash_slots, identity, log, stack};
+use flexor::control::Controller;
+use flexor::link::{
     FRAME_MAX, FrameErrors, Identity, Reply, Request, Setup, StartReason, Status, encode,
 };
-use shared::safety::{Refusal, may_arm, may_plan, table_to_arm};
-use shared::slot::{Slot, TableIdentity};
-use shared::table::Table;
+use flexor::link::{Mode, Refusal};
+use flexor::supervisor::{Control, Prepared, may_arm, may_plan, table_to_arm};
+use flexor::table::{Slot, Table, TableIdentity};
+use rtic::Mutex;
 
 /// What the main loop knows.
 pub struct Comms {
@@ -32,7 +31,7 @@ impl Comms {
         prepared: &'static mut Prepared<'static>,
     ) -> Self {
         Self {
-            setup: slots::setup(),
+            setup: flash_slots::setup(),
             clocks: *clocks,
             counts_per_1000_nops,
             start,
@@ -46,7 +45,7 @@ impl Comms {
         let arm_fingerprint = self.setup.map(|setup| setup.arm.fingerprint());
         // Without an arm no table fits; 0 stands for it as good as any number.
         let slots = Slot::ALL.map(|slot| {
-            let table = slots::open(slot, arm_fingerprint.unwrap_or(0));
+            let table = flash_slots::open(slot, arm_fingerprint.unwrap_or(0));
             match &table {
                 Ok(table) => defmt::info!("slot {}: table {=u32:#x}", slot, table.crc()),
                 Err(error) => defmt::info!("slot {}: no usable table, {}", slot, error),
@@ -141,7 +140,7 @@ impl Comms {
         let mut setup = self.setup.ok_or(Refusal::NoSetup)?;
         setup.limits = setup.limits.at_most(DRIVE_LIMIT_NM);
         let fingerprint = setup.arm.fingerprint();
-        let (slot, table) = table_to_arm(slot, |slot| slots::open(slot, fingerprint))?;
+        let (slot, table) = table_to_arm(slot, |slot| flash_slots::open(slot, fingerprint))?;
         let first_row = table.cursor().reference();
         let standing = control.lock(|c| c.standing());
         may_arm(&SAFETY, &standing, &first_row)?;
@@ -161,7 +160,7 @@ impl Comms {
         if control.lock(|c| c.report().0) == Mode::Armed {
             return Err(Refusal::Busy);
         }
-        let table = slots::open(slot, setup.arm.fingerprint()).map_err(Refusal::Table)?;
+        let table = flash_slots::open(slot, setup.arm.fingerprint()).map_err(Refusal::Table)?;
         self.prepare(&table, setup)?;
         control.lock(|c| c.start_lock_step(&mut self.prepared));
         Ok(TableIdentity::from(&table))

@@ -6,7 +6,7 @@
 //! not mixed in: its entry is dropped.
 
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize, Ordering::Relaxed};
-use shared::link::{LOG_MAX, LogEntry};
+use flexor::link::{LOG_MAX, LogEntry};
 
 /// Bytes of the ring: a start's entries and a few more.
 const SIZE: usize = 256;

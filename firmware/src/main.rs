@@ -3,7 +3,7 @@
 //!
 //! | priority | what | where |
 //! |---|---|---|
-//! | 2, highest | the control tick, 5 kHz (TIM2), or on the host's request | [`shared::control`] |
+//! | 2, highest | the control tick, 5 kHz (TIM2), or on the host's request | [`flexor::supervisor`] |
 //! | 1 | bytes of the link (USART1) into and out of queues | `serial` |
 //! | 0 | the main loop: requests, watchdog | [`comms`] |
 //!
@@ -17,9 +17,9 @@
 
 mod board;
 mod comms;
-mod last_words;
+mod crash_record;
+mod flash_slots;
 mod log;
-mod slots;
 mod stack;
 
 /// Which sources this was built from.
@@ -28,7 +28,7 @@ mod identity {
 }
 
 /// Stopwatch counts that 1,000 `nop` instructions take, with no interrupt between.
-fn calibrate(stopwatch: &impl shared::board::Stopwatch) -> u32 {
+fn calibrate(stopwatch: &impl flexor::supervisor::Stopwatch) -> u32 {
     let begun = stopwatch.counts();
     // SAFETY: assembles to 1,000 nops and nothing else.
     unsafe { core::arch::asm!(".rept 1000", "nop", ".endr", options(nomem, nostack)) };
@@ -44,12 +44,12 @@ mod app {
         CALIBRATION, RECEIVE_QUEUE, SAFETY, TICK_RATE_HZ, TRANSMIT_QUEUE, WAKE_CYCLES,
     };
     use crate::board::{Board, Serial, TickBoard, Watchdog};
-    use crate::comms::{self, Comms};
-    use crate::{calibrate, last_words, log, stack};
+    use crate::comms::Comms;
+    use crate::{calibrate, comms, crash_record, log, stack};
     use cortex_m::peripheral::syst::SystClkSource;
+    use flexor::link::{FRAME_MAX, Mode, Receiver, Reply, Request};
+    use flexor::supervisor::{Control, Prepared};
     use heapless::spsc::{Consumer, Producer, Queue};
-    use shared::control::{Control, Mode, Prepared};
-    use shared::link::{FRAME_MAX, Receiver, Reply, Request};
     use stm32f4xx_hal::pac::Interrupt;
 
     #[shared]
@@ -81,7 +81,7 @@ mod app {
         stack::paint();
         let mut core = context.core;
         let mut board = Board::new(context.device, &mut core.DCB, &mut core.DWT);
-        let start = last_words::take(board.watchdog_reset);
+        let start = crash_record::take(board.watchdog_reset);
         let nops = calibrate(&board.tick.stopwatch);
         let comms = Comms::new(&board.clocks, nops, start, context.local.prepared);
         let mut watchdog = board.watchdog;

@@ -1,13 +1,14 @@
 //! How long planning, simulating and examining the paper's task takes: `cargo bench`.
 
-use host_sim::cases;
-use host_sim::closed_loop::{self, RunOptions};
-use host_sim::config;
-use host_sim::knots;
-use host_sim::plan::{Plan, PlanOptions, plan};
-use host_sim::plant::{Plant, PlantParameters, Start};
-use host_sim::stability::linear::{Linear, OperatingPoint, Variant};
-use host_sim::stability::path::Report;
+use flexor_sim::analysis::stability::linear::{Linear, OperatingPoint, Variant};
+use flexor_sim::analysis::stability::path::Report;
+use flexor_sim::files::config;
+use flexor_sim::planner::limits::default_limits;
+use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
+use flexor_sim::planner::table_fit;
+use flexor_sim::plant::{Plant, PlantParameters, Start};
+use flexor_sim::simulation::closed_loop::RunOptions;
+use flexor_sim::simulation::{cases, closed_loop};
 
 fn main() {
     divan::main();
@@ -32,7 +33,7 @@ fn plan_the_papers_path(duration: f64) -> Plan {
 #[divan::bench]
 fn encode_the_table(bencher: divan::Bencher<'_, '_>) {
     let plan = paper(2.0);
-    bencher.bench(|| knots::encode(&plan));
+    bencher.bench(|| table_fit::encode(&plan));
 }
 
 /// The plant alone: 2 s at 5 kHz ticks, single thread.
@@ -56,11 +57,11 @@ fn simulate_2_s(bencher: divan::Bencher<'_, '_>, elements: usize) {
 #[divan::bench(args = [3, 8])]
 fn run_2_s_in_closed_loop(bencher: divan::Bencher<'_, '_>, elements: usize) {
     let plan = paper(2.0);
-    let image = knots::encode(&plan).expect("a table").image;
+    let image = table_fit::encode(&plan).expect("a table").image;
     let law = config::parse_controller("example", config::DEFAULT_CONTROLLER).expect("valid");
     let options = RunOptions {
         law,
-        limits: cases::default_limits(&plan),
+        limits: default_limits(&plan),
         plant: cases::plant(elements, 0.9),
         start: Start::PlanAtRest,
     };
@@ -76,7 +77,7 @@ fn linearise_at_a_point(bencher: divan::Bencher<'_, '_>) {
     bencher.bench(|| Linear::new(&variant, &point));
 }
 
-/// The stability report of `host-sim gains`: 50 points, the planned arm with all margins
+/// The stability report of `flexor gains`: 50 points, the planned arm with all margins
 /// and 27 plants around it with their least ones, on all cores.
 #[divan::bench]
 fn report_stability_over_50_points_and_27_plants(bencher: divan::Bencher<'_, '_>) {

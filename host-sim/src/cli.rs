@@ -12,23 +12,23 @@ mod plan;
 mod run;
 
 use self::run::{Simulation, SimulationArgs};
-use crate::accuracy::AccuracyError;
-use crate::closed_loop::{Outcome, Run, RunError};
-use crate::config::{self, ArmConfig, ConfigError};
-use crate::export;
-use crate::message::{Short, enough, near};
-use crate::pil::{self, PilError, PilRun};
-use crate::plan::{PlanError, Task};
-use crate::processor::{Processor, ProcessorError};
-use crate::ranges::RangeError;
+use crate::analysis::fixed_point::accuracy::AccuracyError;
+use crate::analysis::fixed_point::range::RangeError;
+use crate::analysis::stability::StabilityError;
+use crate::files::config::{ArmConfig, ConfigError};
+use crate::files::{config, export};
+use crate::planner::plan::{PlanError, Task};
 use crate::report;
-use crate::stability::StabilityError;
+use crate::simulation::closed_loop::{Outcome, Run, RunError};
+use crate::target::pil::{PilError, PilRun};
+use crate::target::{Processor, ProcessorError, pil};
+use crate::text::{Short, enough, near};
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use flexor::control::LawParameters;
+use flexor::link::Setup;
+use flexor::table::TableError;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
-use shared::law::LawParameters;
-use shared::link::Setup;
-use shared::table::TableError;
 use std::ffi::OsString;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -39,9 +39,9 @@ use std::time::Duration;
 /// own controller.
 #[derive(Parser)]
 #[command(
-    name = "host-sim",
+    name = "flexor",
     version,
-    after_help = "Without a command: demo.\n\nExample: host-sim run --task examples/task_fast.toml --bending-stiffness-scale 0.9 --out out/soft"
+    after_help = "Without a command: demo.\n\nExample: flexor run --task examples/task_fast.toml --bending-stiffness-scale 0.9 --out out/soft"
 )]
 struct Cli {
     #[command(subcommand)]
@@ -52,39 +52,39 @@ struct Cli {
 enum Command {
     /// Runs the paper's task in all its cases and writes a report.
     #[command(
-        after_help = "Example: host-sim demo --out out/demo\n\nFour cases run the task as it is, with feedforward, feedback or both; the fifth runs its path in a fifth of the time, with pre- and post-actuation. The plants have the plan's number of elements. `host-sim run` runs one case, with all options."
+        after_help = "Example: flexor demo --out out/demo\n\nFour cases run the task as it is, with feedforward, feedback or both; the fifth runs its path in a fifth of the time, with pre- and post-actuation. The plants have the plan's number of elements. `flexor run` runs one case, with all options."
     )]
     Demo(demo::DemoArgs),
     /// Plans a task: joint angles, deflection and feedforward torques, and the table.
     #[command(
-        after_help = "Example: host-sim plan --arm examples/arm.toml --task examples/task_fast.toml --out out/plan\n\nWrites plan.csv, table.bin and summary.json."
+        after_help = "Example: flexor plan --arm examples/arm.toml --task examples/task_fast.toml --out out/plan\n\nWrites plan.csv, table.bin and summary.json."
     )]
     Plan(plan::PlanArgs),
     /// Plans a task and runs the controller on it against a simulated arm.
     #[command(
-        after_help = "Example: host-sim run --task examples/task_fast.toml --plant examples/plant_soft.toml --out out/run\n\nWrites run.csv, plan.csv, table.bin, summary.json, figures and report.html."
+        after_help = "Example: flexor run --task examples/task_fast.toml --plant examples/plant_soft.toml --out out/run\n\nWrites run.csv, plan.csv, table.bin, summary.json, figures and report.html."
     )]
     Run(run::RunArgs),
     /// Says whether gains are stable over the whole motion, and with what margin.
     #[command(
-        after_help = "Example: host-sim gains --controller examples/controller.toml --out out/gains\n\nWrites report.html, figures and summary.json. `host-sim gains tune` finds gains."
+        after_help = "Example: flexor gains --controller examples/controller.toml --out out/gains\n\nWrites report.html, figures and summary.json. `flexor gains tune` finds gains."
     )]
     Gains(Box<gains::GainsArgs>),
     /// Compares the controller's number types with f64.
     #[command(
-        after_help = "Example: host-sim accuracy --out out/accuracy\n\nThe task in closed loop, random and adversarial measurements. Writes summary.json, accuracy.csv, figures and report.html."
+        after_help = "Example: flexor accuracy --out out/accuracy\n\nThe task in closed loop, random and adversarial measurements. Writes summary.json, accuracy.csv, figures and report.html."
     )]
     Accuracy(accuracy::AccuracyArgs),
     /// As run, with the firmware's image in QEMU, or a board on a serial port, as the
     /// controller; every command is compared bit by bit with the simulator's own.
     #[command(
-        after_help = "Example: host-sim pil --task examples/task_fast.toml --plant examples/plant_soft.toml --out out/pil\n\n`cargo xtask setup` installs QEMU, `cargo xtask firmware` builds the image. Writes what run writes. The firmware's log goes to standard error. Exit code 1 if a command differs."
+        after_help = "Example: flexor pil --task examples/task_fast.toml --plant examples/plant_soft.toml --out out/pil\n\n`cargo xtask setup` installs QEMU, `cargo xtask firmware` builds the image. Writes what run writes. The firmware's log goes to standard error. Exit code 1 if a command differs."
     )]
     Pil(PilArgs),
     /// Talks to a board on a serial port, or to the firmware's image in QEMU: who it is, what
     /// its sensors say, arm, disarm.
     #[command(
-        after_help = "Example: host-sim board sensors --port /dev/ttyUSB0 --follow\n\nWithout --port the image in QEMU, whose stop reads as pressed. The firmware's log goes to standard error. Exit codes: 0 done; 1 refused, failed, or stopped before the table's end; 2 command line, port or image at fault."
+        after_help = "Example: flexor board sensors --port /dev/ttyUSB0 --follow\n\nWithout --port the image in QEMU, whose stop reads as pressed. The firmware's log goes to standard error. Exit codes: 0 done; 1 refused, failed, or stopped before the table's end; 2 command line, port or image at fault."
     )]
     Board(board::BoardArgs),
 }
@@ -174,7 +174,7 @@ enum CliError {
         beside: &'static str,
     },
     #[error(
-        "demo's fast case, the task in a fifth of its duration_s, cannot be planned: {0}; `host-sim run` runs a task as it is"
+        "demo's fast case, the task in a fifth of its duration_s, cannot be planned: {0}; `flexor run` runs a task as it is"
     )]
     Fast(Box<CliError>),
     #[error("{what} {}; accepted: from 0 to {}", Short(*value), Short(*most))]
@@ -276,7 +276,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     let result = match Cli::parse_from(arguments).command {
         None => {
             // As if typed, so that the defaults have one place.
-            match Cli::parse_from(["host-sim", "demo"]).command {
+            match Cli::parse_from(["flexor", "demo"]).command {
                 Some(Command::Demo(args)) => demo::demo(&args),
                 _ => Ok(()),
             }

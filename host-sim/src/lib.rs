@@ -1,48 +1,29 @@
 //! Flexor on the host: plans an elastic arm's motion along a surface and runs the
 //! firmware's own controller against a simulated arm.
 //!
-//! Data flows one way, and a module knows only those before it:
+//! Data flows one way, and a wing knows only those before it:
 //!
-//! | module | responsible for |
+//! | wing | responsible for |
 //! |---|---|
-//! | [`config`] | the user's files, checked |
-//! | [`model`] | the arm as numbers: rigid constants, link 2 in modal coordinates |
-//! | [`dynamics`] | the equations of motion, forward and inverse |
-//! | [`trajectory`] | where the tip shall be |
-//! | [`collocation`] | boundary-value problems |
-//! | [`plan`] | from a task to joint motion, deflection and torques |
-//! | [`knots`] | from a plan to its feedforward table |
-//! | [`integrator`] | one step of a Runge-Kutta method |
-//! | [`plant`] | the simulated arm |
-//! | [`closed_loop`] | controller and plant in lock-step |
-//! | [`stability`] | the sampled loop along the path, margins, tuning |
-//! | [`ranges`] | range analysis for fixed point |
-//! | [`accuracy`] | how exact f32 and fixed point are |
-//! | [`processor`] | the firmware's image in QEMU, or a board: requests and answers |
-//! | [`pil`] | a processor in that loop |
-//! | [`cases`] | the demo's cases |
-//! | [`export`], [`report`] | results as CSV and JSON, pictures and a page |
+//! | [`model`] | the arm as numbers, link 2 in modal coordinates; the equations of motion |
+//! | [`planner`] | from a task to joint motion, deflection, torques and the feedforward table |
+//! | [`plant`] | the simulated arm; it knows the model and nothing of the planner |
+//! | [`simulation`] | controller and plant in lock-step |
+//! | [`analysis`] | stability and tuning; range analysis and accuracy of the number types |
+//! | [`target`] | the firmware's image in QEMU, or a board: requests, answers, comparison |
+//! | [`files`] | the user's files, checked; results as CSV and JSON |
+//! | [`report`] | pictures and a page |
 //! | [`cli`] | the command line |
 
-pub mod accuracy;
-pub mod cases;
+pub mod analysis;
 pub mod cli;
-pub mod closed_loop;
-pub mod collocation;
-pub mod config;
-pub mod dynamics;
-pub mod export;
-pub mod integrator;
-pub mod knots;
-mod message;
+pub mod files;
 pub mod model;
-pub mod pil;
-pub mod plan;
+pub mod planner;
 pub mod plant;
-pub mod processor;
-pub mod ranges;
 pub mod report;
-pub mod stability;
+pub mod simulation;
+pub mod target;
 #[cfg(test)]
 mod testing;
-pub mod trajectory;
+mod text;

@@ -1,7 +1,7 @@
-//! The `host-sim` program; everything is in the library.
+//! The `flexor` program; everything is in the library.
 
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    ExitCode::from(host_sim::cli::main())
+    ExitCode::from(flexor_sim::cli::main())
 }

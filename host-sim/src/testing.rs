@@ -1,6 +1,6 @@
 //! Arms that the unit tests share.
 
-use shared::arm::{ArmParameters, Elbow};
+use flexor::model::{ArmParameters, Elbow};
 
 /// The paper's arm (Table 1), elbow down.
 pub(crate) const PAPER: ArmParameters = ArmParameters {

@@ -1,24 +1,17 @@
 //! The part of Flexor that runs everywhere: on the Cortex-M that drives the arm
 //! and, unchanged, in the host's simulator. `no_std`, no allocation, no `unsafe`.
 //!
-//! | module | responsible for |
+//! Data flows one way, and a wing knows only those before it:
+//!
+//! | wing | responsible for |
 //! |---|---|
 //! | [`number`] | the scalar traits that let one source serve `f32`, `f64` and fixed point |
-//! | [`fixed_point`] | the fixed-point scalar |
-//! | [`trig`] | the sine that the control tick may use (a polynomial, no libm) |
-//! | [`arm`] | the arm's data, its kinematics (eq. 12-13) and its fingerprint |
-//! | [`beam`] | the elastic link as finite elements (eq. 24-27) |
-//! | [`table`] | the feedforward table: format, writer, streaming cursor |
-//! | [`law`] | the control law (eq. 18-20) |
-//! | [`signals`] | the tick's signals: formats, saturations |
-//! | [`guard`] | torque limits and the finite check behind everything |
-//! | [`controller`] | the one `tick` that joins cursor, law and guard |
-//! | [`sensing`] | from encoder and converter counts to a measurement |
-//! | [`slot`] | the places in flash where a table may lie |
-//! | [`safety`] | when the drives may be enabled, and when they must not stay so |
-//! | [`board`] | what the tick needs from a board, as small traits |
-//! | [`control`] | disarmed, armed or lock-step: the tick as the interrupt runs it |
+//! | [`signals`], [`fault`] | the words that everything shares: what is measured, planned, limited, wrong |
+//! | [`model`] | the arm's data, its kinematics (eq. 12-13), its elastic link (eq. 24-27) |
+//! | [`table`] | the feedforward table: format, writer, streaming cursor, slots in flash |
+//! | [`control`] | the control law (eq. 18-20), torque limits, the one `tick` |
 //! | [`link`] | messages between host and microcontroller |
+//! | [`supervisor`] | when the drives may run; the tick as a board's interrupt runs it |
 //!
 //! # Conventions
 //!
@@ -36,22 +29,14 @@
 
 #![no_std]
 
-pub mod arm;
-pub mod beam;
-pub mod board;
 pub mod control;
-pub mod controller;
-pub mod fixed_point;
-pub mod guard;
-pub mod law;
+pub mod fault;
 pub mod link;
+pub mod model;
 pub mod number;
-pub mod safety;
-pub mod sensing;
 pub mod signals;
-pub mod slot;
+pub mod supervisor;
 pub mod table;
-pub mod trig;
 
 /// CRC-32 (ISO-HDLC) of tables, link frames and fingerprints. A static: a local one builds
 /// its table of 1 KiB on the stack.

@@ -1,6 +1,6 @@
 //! The tick's signals: their formats in fixed point, and counters of their saturations.
 
-use crate::table::Reference;
+use crate::number::Scalar;
 use serde::{Deserialize, Serialize};
 
 /// A format for each kind of signal. In floating point formats are nothing; in fixed point
@@ -71,5 +71,135 @@ impl Saturations<u32> {
     pub fn total(&self) -> u32 {
         let counts = self.entries().map(|(_, count)| count);
         counts.into_iter().fold(0, u32::saturating_add)
+    }
+}
+
+/// Columns of a table, in the order of [`Reference::from_columns`].
+pub const COLUMNS: usize = 8;
+
+/// The plan's values at one tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Reference<T> {
+    /// Feedforward torques (tau1, tau2) to hold during the tick, N m.
+    pub torque: [T; 2],
+    /// Contact force along the surface normal, pressing positive, N.
+    pub force: T,
+    /// Angles (theta10, theta20), rad.
+    pub angle: [T; 2],
+    /// Slope of link 2 at its root against the chord, w'(0), rad.
+    pub root_slope: T,
+    /// Its rate, rad/s.
+    pub root_slope_rate: T,
+    /// Direction of the surface normal, from a1 towards a2, rad; a tip that presses
+    /// pushes along it. pi/2 is straight down.
+    pub normal_angle: T,
+}
+
+impl<T: Copy> Reference<T> {
+    /// The reference with the given column values.
+    #[inline]
+    pub fn from_columns(columns: [T; COLUMNS]) -> Self {
+        let [
+            torque1,
+            torque2,
+            force,
+            angle1,
+            angle2,
+            root_slope,
+            root_slope_rate,
+            normal_angle,
+        ] = columns;
+        Self {
+            torque: [torque1, torque2],
+            force,
+            angle: [angle1, angle2],
+            root_slope,
+            root_slope_rate,
+            normal_angle,
+        }
+    }
+
+    /// The values in the order of the table's columns.
+    pub fn columns(&self) -> [T; COLUMNS] {
+        [
+            self.torque[0],
+            self.torque[1],
+            self.force,
+            self.angle[0],
+            self.angle[1],
+            self.root_slope,
+            self.root_slope_rate,
+            self.normal_angle,
+        ]
+    }
+}
+
+/// Whether, and on which side, a torque is being limited.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Limiting {
+    /// Not at a limit.
+    #[default]
+    No,
+    /// More torque (towards +) was asked for than is given.
+    FromAbove,
+    /// Less torque (towards -) was asked for than is given.
+    FromBelow,
+}
+
+impl Limiting {
+    /// This limit, or the `other` where this one is not active.
+    #[inline]
+    pub fn or(self, other: Self) -> Self {
+        if self == Self::No { other } else { self }
+    }
+}
+
+/// What the sensors say at a tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Measurement<T> {
+    /// Angles (theta10, theta20) of link 1 and of link 2's chord, rad.
+    pub angle: [T; 2],
+    /// Slope of link 2 at its root against the chord, w'(0), rad.
+    pub root_slope: T,
+    /// Its rate, rad/s.
+    pub root_slope_rate: T,
+    /// Contact force along the surface normal, pressing positive, N.
+    pub force: T,
+    /// What the two drives report about the torque they could not give.
+    pub drive: [Limiting; 2],
+}
+
+impl<T: Scalar> Measurement<T> {
+    /// True when every number is finite.
+    pub fn is_finite(&self) -> bool {
+        T::all_finite([
+            self.angle[0],
+            self.angle[1],
+            self.root_slope,
+            self.root_slope_rate,
+            self.force,
+        ])
+    }
+
+    /// The measurement in the tick's number type; saturates at the formats' ranges.
+    pub fn from_si(si: &Measurement<f64>, formats: &Formats<T::Format>) -> Self {
+        Self {
+            angle: si.angle.map(|x| T::from_si(x, formats.angle)),
+            root_slope: T::from_si(si.root_slope, formats.root_slope),
+            root_slope_rate: T::from_si(si.root_slope_rate, formats.slope_rate),
+            force: T::from_si(si.force, formats.force),
+            drive: si.drive,
+        }
+    }
+
+    /// The measurement in SI units.
+    pub fn to_si(&self, formats: &Formats<T::Format>) -> Measurement<f64> {
+        Measurement {
+            angle: self.angle.map(|x| x.to_si(formats.angle)),
+            root_slope: self.root_slope.to_si(formats.root_slope),
+            root_slope_rate: self.root_slope_rate.to_si(formats.slope_rate),
+            force: self.force.to_si(formats.force),
+            drive: self.drive,
+        }
     }
 }

@@ -1,17 +1,16 @@
 //! What the firmware takes, held against `firmware/budget.toml`, and the tick on cores
-//! without floating point, against `cores/budget.toml`.
+//! without floating point, against `firmware/replay/budget.toml`.
 
-use crate::demo::Demo;
 use crate::image::{
     MASKED_MAX, check_panic_free, check_stack_below_data, listing, masked_instructions, sizes,
 };
-use crate::{cores, demo, firmware, root};
+use crate::inputs::Demo;
+use crate::{firmware, inputs, replay, root};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use host_sim::pil;
-use host_sim::processor::{Emulation, Processor};
+use flexor::table::Slot;
+use flexor_sim::target::{Emulation, Processor, pil};
 use serde::{Deserialize, Serialize};
-use shared::slot::Slot;
 use std::fs;
 
 /// Options of the verb `budget`.
@@ -87,14 +86,14 @@ pub(crate) fn budget(options: &Options) -> Result<()> {
     check_panic_free(&listing)?;
     check_stack_below_data(&elf)?;
     let sizes = sizes(&elf)?;
-    let Demo { plan, table, setup } = demo::demo()?;
+    let Demo { plan, table, setup } = inputs::demo()?;
     let emulation = Emulation {
         elf: &elf,
         table_b: None,
         accesses: None,
     };
     let mut processor = Processor::emulated(&emulation, None)?;
-    let options_of_run = demo::options(&setup);
+    let options_of_run = inputs::options(&setup);
     let run = pil::run(&mut processor, &plan, &table.image, &options_of_run, |_| {})?;
     ensure!(
         run.slot == Slot::A,
@@ -112,7 +111,7 @@ pub(crate) fn budget(options: &Options) -> Result<()> {
         tick_instructions_max: max.context(none)?.into(),
         masked_instructions_max: masked_instructions(&listing)?,
     };
-    let without_fpu = cores::measure()?;
+    let without_fpu = replay::measure()?;
     if options.json {
         let mut all = serde_json::to_value(measured)?;
         if let Some(all) = all.as_object_mut() {
@@ -126,7 +125,7 @@ pub(crate) fn budget(options: &Options) -> Result<()> {
             println!("{name:26} {is:6}  of {bar:6}");
         }
         println!("no panic is reachable from the tick; an overflowing stack meets no variable");
-        cores::show(&without_fpu);
+        replay::show(&without_fpu);
     }
     let golden = root().join("firmware/budget.toml");
     if options.update {
@@ -140,7 +139,7 @@ pub(crate) fn budget(options: &Options) -> Result<()> {
         fs::read_to_string(&golden).with_context(|| format!("cannot read {}", golden.display()))?;
     let mut excess = measured.excess(&toml::from_str(&text)?, TOLERANCE_PERCENT);
     excess.extend(measured.excess(&BARS, 0));
-    excess.extend(cores::excess(&without_fpu, options.update)?);
+    excess.extend(replay::excess(&without_fpu, options.update)?);
     ensure!(
         excess.is_empty(),
         "over budget: {}; if that is meant, `cargo xtask budget --update`",

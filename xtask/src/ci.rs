@@ -1,6 +1,6 @@
 //! What continuous integration does, and what it stands on.
 
-use crate::{budget, cores, firmware, pil, root, run, setup};
+use crate::{budget, firmware, pil, replay, root, run, setup};
 use anyhow::Result;
 use std::process::Command;
 
@@ -23,11 +23,11 @@ pub(crate) fn test() -> Result<()> {
         .args([
             "test",
             "--package",
-            "tests",
+            "flexor-tests",
             "--test",
             "firmware",
             "--package",
-            "host-sim",
+            "flexor-sim",
             "--test",
             "board",
             "--",
@@ -40,11 +40,9 @@ pub(crate) fn test() -> Result<()> {
 /// Formats, lints, tests, bit identity, budget.
 pub(crate) fn ci() -> Result<()> {
     cargo(&["fmt", "--all", "--check"])?;
-    for folder in ["firmware", "cores"] {
-        run(Command::new("cargo")
-            .current_dir(root().join(folder))
-            .args(["fmt", "--check"]))?;
-    }
+    run(Command::new("cargo")
+        .current_dir(root().join("firmware"))
+        .args(["fmt", "--all", "--check"]))?;
     cargo(&[
         "clippy",
         "--workspace",
@@ -54,7 +52,7 @@ pub(crate) fn ci() -> Result<()> {
         "warnings",
     ])?;
     firmware::clippy()?;
-    cores::clippy()?;
+    replay::clippy()?;
     test()?;
     pil::pil(&pil::Options::default())?;
     budget::budget(&budget::Options::default())

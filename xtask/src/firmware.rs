@@ -1,12 +1,12 @@
 //! Builds the one ELF that is flashed and that QEMU boots: image, setup and table.
 
-use crate::demo::{Demo, Files, TICK_RATE_HZ};
+use crate::inputs::{Demo, Files, TICK_RATE_HZ};
 use crate::setup::{TARGET, Toolchain};
-use crate::{demo, image, output, root, run};
+use crate::{image, inputs, output, root, run};
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
-use host_sim::processor::{SLOT_ADDRESSES, SLOT_BYTES};
-use shared::table::Table;
+use flexor::table::Table;
+use flexor_sim::target::{SLOT_ADDRESSES, SLOT_BYTES};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, fs};
@@ -23,7 +23,7 @@ fn cargo(verb: &str, files: &Files) -> Result<Command> {
         .with_context(|| format!("no toolchain has {TARGET}: run `cargo xtask setup`"))?;
     let out = target_folder().join("firmware");
     fs::create_dir_all(&out)?;
-    let Demo { table, setup, .. } = demo::plan_files(files)?;
+    let Demo { table, setup, .. } = inputs::plan_files(files)?;
     let mut buffer = [0; 256];
     let setup = setup.encode(&mut buffer)?;
     let mut command = toolchain.command("cargo");
@@ -82,10 +82,10 @@ pub(crate) fn clippy() -> Result<()> {
 pub(crate) struct FlashOptions {
     #[command(flatten)]
     files: Files,
-    /// Write this table image alone (a file `table.bin` of host-sim), and not the firmware.
+    /// Write this table image alone (a file `table.bin` of `flexor plan`), and not the firmware.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["arm", "task", "controller"])]
     table: Option<PathBuf>,
-    /// Where to write that table; `host-sim board arm --slot` runs it.
+    /// Where to write that table; `flexor board arm --slot` runs it.
     #[arg(long, value_enum, default_value_t = SlotArg::B, requires = "table")]
     slot: SlotArg,
     /// Only say what would be written, and by which command.
@@ -164,7 +164,7 @@ fn check_table(file: &Path) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use host_sim::processor::DEFAULT_ELF;
+    use flexor_sim::target::DEFAULT_ELF;
 
     #[test]
     fn what_is_flashed_is_what_pil_boots_by_itself() {
@@ -187,7 +187,7 @@ mod tests {
         let folder = env::temp_dir().join(format!("flexor-flash-{}", std::process::id()));
         fs::create_dir_all(&folder).unwrap();
         let file = folder.join("table.bin");
-        let mut image = demo::demo().unwrap().table.image;
+        let mut image = inputs::demo().unwrap().table.image;
         fs::write(&file, &image).unwrap();
         check_table(&file).unwrap();
         // Another rate, with a good checksum.

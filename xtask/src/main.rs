@@ -2,11 +2,11 @@
 
 mod budget;
 mod ci;
-mod cores;
-mod demo;
 mod firmware;
 mod image;
+mod inputs;
 mod pil;
+mod replay;
 mod setup;
 
 use anyhow::{Context, Result, ensure};
@@ -36,14 +36,14 @@ enum Verb {
     #[command(
         after_help = "Example: cargo xtask firmware --arm my_arm.toml --task my_task.toml --controller my_gains.toml"
     )]
-    Firmware(demo::Files),
+    Firmware(inputs::Files),
     /// Build the image, as `firmware` does, and write it and its table to a board (needs
     /// probe-rs); or write a table alone.
     #[command(
         after_help = "Examples: cargo xtask flash --arm my_arm.toml --task my_task.toml\n          cargo xtask flash --table out/plan/table.bin --slot b"
     )]
     Flash(firmware::FlashOptions),
-    /// Build the image and run `host-sim pil` with it: QEMU, or a board, in the loop, every
+    /// Build the image and run `flexor pil` with it: QEMU, or a board, in the loop, every
     /// command compared bit by bit.
     #[command(disable_help_flag = true)]
     Pil(pil::Options),
@@ -51,8 +51,8 @@ enum Verb {
     /// check that the tick cannot panic.
     Budget(budget::Options),
     /// Replay the demo on Cortex-M0 and M3 in QEMU, in fixed point and in emulated f32, and
-    /// hold what it takes against cores/budget.toml.
-    Cores(cores::Options),
+    /// hold what it takes against firmware/replay/budget.toml.
+    Replay(replay::Options),
     /// Run every test, those with the image in QEMU included.
     Test,
     /// Everything that continuous integration checks.
@@ -69,7 +69,7 @@ fn main() -> Result<()> {
         Verb::Flash(options) => firmware::flash(&options),
         Verb::Pil(options) => pil::pil(&options),
         Verb::Budget(options) => budget::budget(&options),
-        Verb::Cores(options) => cores::cores(&options),
+        Verb::Replay(options) => replay::run_verb(&options),
         Verb::Test => ci::test(),
         Verb::Ci => ci::ci(),
     }

@@ -3,12 +3,13 @@
 use super::{
     CliError, Common, Output, controller, export, json, print, print_facts, progress_bar, report,
 };
-use crate::accuracy::{self, Accuracy, Errors};
-use crate::cases;
-use crate::closed_loop::RunOptions;
-use crate::message::near;
+use crate::analysis::fixed_point::accuracy::{Accuracy, Errors};
+use crate::analysis::fixed_point::range::Analysis;
+use crate::analysis::fixed_point::{accuracy, range};
 use crate::plant::Start;
-use crate::ranges::{self, Analysis};
+use crate::simulation::cases;
+use crate::simulation::closed_loop::RunOptions;
+use crate::text::near;
 use clap::Args;
 use serde_json::{Map, Value};
 use std::path::PathBuf;
@@ -39,7 +40,7 @@ pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
         start: Start::PlanAtRest,
     };
     let (plan, image) = (&planned.plan, &planned.table.image);
-    let analysis = ranges::analyse(plan, image, &law, &planned.limits)?;
+    let analysis = range::analyse(plan, image, &law, &planned.limits)?;
     let progress = progress_bar(accuracy::effort(plan), "ticks, {eta} left");
     let accuracies = accuracy::measure(plan, image, &options, &|| progress.inc(1))?;
     progress.finish_and_clear();
@@ -129,7 +130,7 @@ fn trials(a: &Accuracy) -> [(&'static str, &Errors); 4] {
 
 /// Ranges and formats for `--json`.
 fn formats_json(analysis: &Analysis) -> Map<String, Value> {
-    let signal = |s: &ranges::Signal| {
+    let signal = |s: &range::Signal| {
         Value::Object(export::object([
             ("unit", json!(s.unit)),
             ("admissible", json!(s.admissible)),

@@ -5,15 +5,14 @@
 //! drives go off; that it disarms as well only makes it sooner.
 
 use super::{CliError, print, print_facts, say};
-use crate::export;
-use crate::processor::{DEFAULT_ELF, Emulation, Logs, Processor, ProcessorError, words};
+use crate::files::export;
+use crate::target::{DEFAULT_ELF, Emulation, Logs, Processor, ProcessorError, words};
 use clap::{Args, Subcommand, ValueEnum};
+use flexor::fault::Fault;
+use flexor::link::{ClockSource, Identity, Mode, SensorReport, StartReason};
+use flexor::table::{Slot, SlotError, TableIdentity};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Map, Value, json};
-use shared::control::{Mode, SensorReport};
-use shared::guard::Fault;
-use shared::link::{ClockSource, Identity, StartReason};
-use shared::slot::{Slot, SlotError, TableIdentity};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::io::{self, IsTerminal};
 use std::path::PathBuf;
@@ -88,14 +87,14 @@ pub(super) struct BoardArgs {
 #[derive(Subcommand)]
 enum Verb {
     /// Who it is: version, clock, why it started, the tables in both slots
-    #[command(after_help = "Example: host-sim board identity --port /dev/ttyUSB0")]
+    #[command(after_help = "Example: flexor board identity --port /dev/ttyUSB0")]
     Identity,
     /// How it is: mode, fault, longest tick, stack, what was lost on the link
-    #[command(after_help = "Example: host-sim board status --port /dev/ttyUSB0 --json")]
+    #[command(after_help = "Example: flexor board status --port /dev/ttyUSB0 --json")]
     Status,
     /// What sensors and interlocks say: counts, and SI values made of them
     #[command(
-        after_help = "Example: host-sim board sensors --port /dev/ttyUSB0 --follow\n\nNothing moves: the drives are as they were."
+        after_help = "Example: flexor board sensors --port /dev/ttyUSB0 --follow\n\nNothing moves: the drives are as they were."
     )]
     Sensors {
         /// Ten times a second until Ctrl-C
@@ -105,7 +104,7 @@ enum Verb {
     /// Enables the drives and runs a table; disarms at its end, at a fault, on Ctrl-C and at
     /// any error
     #[command(
-        after_help = "Example: host-sim board arm --port /dev/ttyUSB0 --slot b\n\nTHE ARM MOVES. The board refuses while a fault is latched, the stop is pressed, a drive is not well, or the arm is away from the table's first row. Exit code 0 when the table was run to its end."
+        after_help = "Example: flexor board arm --port /dev/ttyUSB0 --slot b\n\nTHE ARM MOVES. The board refuses while a fault is latched, the stop is pressed, a drive is not well, or the arm is away from the table's first row. Exit code 0 when the table was run to its end."
     )]
     Arm {
         /// Run this slot's table and no other; without it slot A's, or slot B's where slot A
@@ -115,14 +114,14 @@ enum Verb {
     },
     /// Says that the arm stands at its home pose, from which the encoders count
     #[command(
-        after_help = "Example: host-sim board home --port /dev/ttyUSB0\n\nWanted before arming, once after every start and after every pil. Nothing moves."
+        after_help = "Example: flexor board home --port /dev/ttyUSB0\n\nWanted before arming, once after every start and after every pil. Nothing moves."
     )]
     Home,
     /// Drives off
-    #[command(after_help = "Example: host-sim board disarm --port /dev/ttyUSB0")]
+    #[command(after_help = "Example: flexor board disarm --port /dev/ttyUSB0")]
     Disarm,
     /// Forget the latched fault, so that it may be armed again
-    #[command(after_help = "Example: host-sim board acknowledge --port /dev/ttyUSB0")]
+    #[command(after_help = "Example: flexor board acknowledge --port /dev/ttyUSB0")]
     Acknowledge,
 }
 
@@ -156,7 +155,7 @@ pub(super) enum BoardError {
     #[error(transparent)]
     Processor(#[from] ProcessorError),
     #[error(
-        "stopped by fault {} ({fault}) after tick {tick} of {ticks}, drives off; it is latched until `host-sim board acknowledge`",
+        "stopped by fault {} ({fault}) after tick {tick} of {ticks}, drives off; it is latched until `flexor board acknowledge`",
         fault.number()
     )]
     Fault { fault: Fault, tick: u32, ticks: u32 },
@@ -286,7 +285,7 @@ fn identity_json(identity: &Identity) -> Map<String, Value> {
     export::object([
         ("firmware_version", json!(version)),
         ("firmware_git", json!(git)),
-        ("protocol_version", json!(shared::link::VERSION)),
+        ("protocol_version", json!(flexor::link::VERSION)),
         ("started", json!(start)),
         ("started_by", json!(words(&identity.start))),
         ("clock", json!(clock(identity.clock).0)),
@@ -322,7 +321,7 @@ fn identity_facts(identity: &Identity) -> Vec<(&'static str, String)> {
     };
     vec![
         ("firmware", format!("{version}, commit {git}")),
-        ("protocol", format!("version {}", shared::link::VERSION)),
+        ("protocol", format!("version {}", flexor::link::VERSION)),
         ("started by", words(&identity.start)),
         (
             "core clock",
@@ -723,9 +722,8 @@ fn attend(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared::law::Measurement;
-    use shared::safety::Interlocks;
-    use shared::sensing::RawSample;
+    use flexor::link::{Interlocks, RawSample};
+    use flexor::signals::Measurement;
 
     #[test]
     fn the_widest_values_stay_below_their_heads_within_80_columns() {

@@ -3,10 +3,11 @@
 use super::{
     CliError, Common, Output, controller, gains, print, print_facts, progress_bar, results,
 };
-use crate::cases::{self, CASES, PLANTS};
-use crate::closed_loop::{self, Run, RunOptions};
-use crate::export;
+use crate::files::export;
 use crate::report;
+use crate::simulation::cases::{CASES, PLANTS};
+use crate::simulation::closed_loop::{Run, RunOptions};
+use crate::simulation::{cases, closed_loop};
 use clap::Args;
 use serde_json::{Value, json};
 use std::io::Write;

@@ -1,26 +1,26 @@
-//! `host-sim gains`: are these gains stable over the whole motion, and with what margin;
-//! `host-sim gains tune`: find good ones.
+//! `flexor gains`: are these gains stable over the whole motion, and with what margin;
+//! `flexor gains tune`: find good ones.
 
 use super::plan::Planned;
 use super::{CliError, Common, Output, controller, print, print_facts, progress_bar};
-use crate::cases;
-use crate::config::{self, ArmConfig};
-use crate::export;
-use crate::message::Short;
-use crate::plan::Plan;
+use crate::analysis::stability::advice::{advice, warning};
+use crate::analysis::stability::linear::{Linear, OperatingPoint, Variant};
+use crate::analysis::stability::map::Gain;
+use crate::analysis::stability::path::{Report, Spread, Summary};
+use crate::analysis::stability::printed::Printed;
+use crate::analysis::stability::tune::TuneOptions;
+use crate::analysis::stability::{StabilityError, map, path, tune};
+use crate::files::config::ArmConfig;
+use crate::files::{config, export};
+use crate::planner::plan::Plan;
 use crate::plant::PlantParameters;
 use crate::report;
-use crate::stability::StabilityError;
-use crate::stability::advice::{advice, warning};
-use crate::stability::linear::{Linear, OperatingPoint, Variant};
-use crate::stability::map::{self, Gain};
-use crate::stability::path::{self, Report, Spread, Summary};
-use crate::stability::printed::Printed;
-use crate::stability::tune::{self, TuneOptions};
+use crate::simulation::cases;
+use crate::text::Short;
 use clap::{Args, Subcommand, ValueEnum};
+use flexor::control::{ForceProjection, LawParameters, SlopeRateFeedback};
 use nalgebra::Complex;
 use serde_json::{Map, Value, json};
-use shared::law::{ForceProjection, LawParameters, SlopeRateFeedback};
 use std::io::Write;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -40,7 +40,7 @@ enum GainsCommand {
     /// Finds the gains and filters with the least predicted force error over a spread of
     /// plants, subject to margins, and writes controller.toml.
     #[command(
-        after_help = "Example: host-sim gains tune --task examples/task_fast.toml --out out/gains\n\nThe same seed finds the same gains. Of the controller file only its options count: force_projection, slope_rate_feedback and feedforward."
+        after_help = "Example: flexor gains tune --task examples/task_fast.toml --out out/gains\n\nThe same seed finds the same gains. Of the controller file only its options count: force_projection, slope_rate_feedback and feedforward."
     )]
     Tune(TuneArgs),
 }
@@ -490,7 +490,7 @@ fn examine(args: &ExamineArgs) -> Result<(), CliError> {
 /// `law` as a `controller.toml` that says how it was found.
 fn controller_toml(law: &LawParameters, how: &[String]) -> String {
     let mut text = String::from(
-        "# Gains of eq. 18-20, found by `host-sim gains tune`; docs/gains.md says how.\n",
+        "# Gains of eq. 18-20, found by `flexor gains tune`; docs/gains.md says how.\n",
     );
     for line in how {
         text += &format!("# {line}\n");

@@ -2,15 +2,16 @@
 //! should know of them.
 
 use super::{CliError, Common, ModelArg, Output, print, print_facts, say};
-use crate::cases;
-use crate::config::ArmConfig;
-use crate::export;
-use crate::knots::{self, EncodedTable};
-use crate::message::{Short, near};
-use crate::plan::{self, Equations, Plan, PlanOptions, PlanPoint, Task};
+use crate::files::config::ArmConfig;
+use crate::files::export;
+use crate::planner::limits::default_limits;
+use crate::planner::plan::{Equations, Plan, PlanOptions, PlanPoint, Task};
+use crate::planner::table_fit::EncodedTable;
+use crate::planner::{plan, table_fit};
+use crate::text::{Short, near};
 use clap::Args;
+use flexor::control::LimitParameters;
 use serde_json::{Map, Value, json};
-use shared::guard::LimitParameters;
 use std::io::Write;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -142,10 +143,10 @@ impl Common {
                 }
                 limits
             }
-            None => cases::default_limits(&plan),
+            None => default_limits(&plan),
         };
         let since = Instant::now();
-        let table = knots::encode(&plan).map_err(CliError::Encode)?;
+        let table = table_fit::encode(&plan).map_err(CliError::Encode)?;
         for word in doubts(&plan, &table, &limits) {
             say(format_args!("warning: {word}"));
         }

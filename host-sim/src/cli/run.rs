@@ -5,18 +5,18 @@ use super::{
     CliError, Common, Output, accuracy, controller, gains, print, print_facts, progress_bar,
     results,
 };
-use crate::accuracy::run_fixed;
-use crate::cases::Mode;
-use crate::closed_loop::{self, Outcome, Run, RunOptions};
-use crate::config;
-use crate::export;
-use crate::plan::Plan;
+use crate::analysis::fixed_point::accuracy::run_fixed;
+use crate::analysis::fixed_point::range;
+use crate::files::{config, export};
+use crate::planner::plan::Plan;
 use crate::plant::{PlantParameters, Start};
-use crate::ranges;
 use crate::report;
+use crate::simulation::cases::Mode;
+use crate::simulation::closed_loop;
+use crate::simulation::closed_loop::{Outcome, Run, RunOptions};
 use clap::{Args, ValueEnum};
+use flexor::table::Table;
 use serde_json::{Map, Value, json};
-use shared::table::Table;
 use std::fs::File;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
@@ -127,7 +127,7 @@ pub(super) fn run_command(args: &RunArgs) -> Result<(), CliError> {
         for (signal, count) in saturations.entries() {
             keys.insert(format!("saturations_{signal}"), json!(count));
         }
-        let analysis = ranges::analyse(plan, image, &options.law, &options.limits)?;
+        let analysis = range::analyse(plan, image, &options.law, &options.limits)?;
         facts.extend(accuracy::format_facts(&analysis));
         facts.push(("fixed point: saturations".into(), total.to_string()));
     }

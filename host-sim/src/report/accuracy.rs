@@ -2,7 +2,7 @@
 
 use super::figures::{accuracy_figures, number};
 use super::{ReportError, write_file};
-use crate::accuracy::{Accuracy, Errors};
+use crate::analysis::fixed_point::accuracy::{Accuracy, Errors};
 use minijinja::{Environment, Value, context};
 use serde::Serialize;
 use std::path::Path;

@@ -11,8 +11,8 @@ mod accuracy;
 pub(super) mod gains;
 
 use super::{Case, ReportError, write_file};
-use crate::closed_loop::LogRow;
-use crate::model::outline;
+use crate::model::arm_model::outline;
+use crate::simulation::closed_loop::LogRow;
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 use plotters::drawing::DrawingAreaErrorKind;
@@ -914,7 +914,7 @@ fn stick_figure(case: &Case) -> Result<Figure, ReportError> {
     let ticks = (0..POSTURES).filter_map(|k| {
         let share = k as f64 / (POSTURES - 1) as f64 - 1e-9;
         let from = (plan.pre_ticks as usize).min(plan.points.len());
-        let reached = |p: &crate::plan::PlanPoint| travelled(p.tip.position) >= share;
+        let reached = |p: &crate::planner::plan::PlanPoint| travelled(p.tip.position) >= share;
         plan.points[from..]
             .iter()
             .position(reached)
@@ -1074,8 +1074,8 @@ fn stick_figure(case: &Case) -> Result<Figure, ReportError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::closed_loop::Run;
     use crate::report::testing::short_run;
+    use crate::simulation::closed_loop::Run;
     use proptest::prelude::*;
 
     proptest! {

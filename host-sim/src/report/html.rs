@@ -4,9 +4,9 @@
 use super::figures::gains::{self, Gains};
 use super::figures::{Figure, POINTS_MAX, decimate, figures, force_axis, number};
 use super::{Case, ReportError, write_file};
-use crate::closed_loop::SHAPE_STRIDE;
-use crate::model::outline;
-use crate::stability::path::Summary;
+use crate::analysis::stability::path::Summary;
+use crate::model::arm_model::outline;
+use crate::simulation::closed_loop::SHAPE_STRIDE;
 use minijinja::{Environment, Value, context};
 use nalgebra::DVector;
 use serde::Serialize;
@@ -215,7 +215,7 @@ fn page(title: &str, cases: &[Case], notes: &[(String, String)]) -> Result<Strin
                 tip_rms: number(1e3 * summary.tip_error_rms),
                 tip_max: number(1e3 * summary.tip_error_max),
                 outcome: summary.outcome.name().replace('_', " "),
-                good: summary.outcome == crate::closed_loop::Outcome::Completed,
+                good: summary.outcome == crate::simulation::closed_loop::Outcome::Completed,
             }
         })
         .collect();

@@ -8,8 +8,8 @@ mod accuracy;
 mod figures;
 mod html;
 
-use crate::closed_loop::Run;
-use crate::plan::Plan;
+use crate::planner::plan::Plan;
+use crate::simulation::closed_loop::Run;
 use std::path::{Path, PathBuf};
 
 pub use accuracy::write_accuracy;
@@ -43,7 +43,7 @@ impl Case<'_> {
 
     /// First and last time of the plan, s.
     fn times(&self) -> [f64; 2] {
-        let end = |point: Option<&crate::plan::PlanPoint>| point.map_or(0.0, |p| p.t);
+        let end = |point: Option<&crate::planner::plan::PlanPoint>| point.map_or(0.0, |p| p.t);
         [end(self.plan.points.first()), end(self.plan.points.last())]
     }
 }
@@ -95,13 +95,12 @@ fn write_file(path: &Path, text: &str) -> Result<(), ReportError> {
 #[cfg(test)]
 pub(crate) mod testing {
     //! A short planned motion and a run of it, made once for the tests.
-    use crate::closed_loop::{Run, RunOptions, run};
-    use crate::plan::{Plan, PlanOptions, Task, Window, plan};
+    use crate::planner::path::{Line, Profile};
+    use crate::planner::plan::{Plan, PlanOptions, Task, Window, plan};
     use crate::plant::{PlantParameters, Start};
+    use crate::simulation::closed_loop::{Run, RunOptions, run};
     use crate::testing::PAPER;
-    use crate::trajectory::{Line, Profile};
-    use shared::guard::LimitParameters;
-    use shared::law::LawParameters;
+    use flexor::control::{LawParameters, LimitParameters};
 
     pub(crate) fn short_run() -> (Plan, Run) {
         let task = Task {
@@ -117,7 +116,7 @@ pub(crate) mod testing {
             post_actuation: Window::Fixed(0.0),
         };
         let plan = plan(&PAPER, &task, &PlanOptions::default()).unwrap();
-        let image = crate::knots::encode(&plan).unwrap().image;
+        let image = crate::planner::table_fit::encode(&plan).unwrap().image;
         let options = RunOptions {
             law: LawParameters::FEEDFORWARD,
             limits: LimitParameters {

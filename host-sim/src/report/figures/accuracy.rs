@@ -5,7 +5,7 @@ use super::{
     Axis, BLUE, Curve, Figure, INK, LEFT, Panel, ReportError, TITLE, VERMILLION, draw_panels,
     panels_height, render, text, units,
 };
-use crate::accuracy::Accuracy;
+use crate::analysis::fixed_point::accuracy::Accuracy;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 /// Bins of the histogram a decade.

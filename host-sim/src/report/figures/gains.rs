@@ -6,9 +6,11 @@ use super::{
     REFERENCE, RIGHT, SOFT, TEXT, TIME, TIME_LABELS, VERMILLION, draw_panels, line, number,
     panels_height, render, text, text_width, units,
 };
+use crate::analysis::stability::map::{Class, Map};
+use crate::analysis::stability::path::{
+    DELAY_MARGIN_MAX_TICKS, GAIN_MARGIN_MAX_DB, PathPoint, Spot,
+};
 use crate::report::ReportError;
-use crate::stability::map::{Class, Map};
-use crate::stability::path::{DELAY_MARGIN_MAX_TICKS, GAIN_MARGIN_MAX_DB, PathPoint, Spot};
 use nalgebra::Complex;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -275,7 +277,7 @@ fn map(map: &Map) -> Result<Figure, ReportError> {
         )])?;
         Ok(())
     })?;
-    let [a, b] = map.gains.map(crate::stability::map::Gain::key);
+    let [a, b] = map.gains.map(crate::analysis::stability::map::Gain::key);
     Ok(Figure {
         name: "gains_map".into(),
         caption: format!(

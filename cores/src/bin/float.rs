@@ -1,9 +1,0 @@
-//! The replay in f32, which these cores have to emulate.
-
-#![no_std]
-#![no_main]
-
-#[cortex_m_rt::entry]
-fn main() -> ! {
-    cores::replay::<f32>(include_bytes!(concat!(env!("OUT_DIR"), "/float.bin")))
-}

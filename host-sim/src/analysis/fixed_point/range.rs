@@ -1,0 +1,374 @@
+//! Range analysis for the fixed-point tick: how far each signal may go, the format that
+//! holds it, and how exact a torque then is.
+//!
+//! [`analyse`] computes it from arm, task (its plan and table), gains and limits, and
+//! refuses what 32 bits cannot hold exactly enough, naming the signal or the gain.
+//!
+//! **Ranges.** A signal's *admissible* range is what the arm can do under this controller;
+//! its format holds that range and what the tick computes from it.
+//!
+//! | signal | admissible | format holds |
+//! |---|---|---|
+//! | torque | the limit; the plan where that is more | twice that: a torque that saturates lies beyond the limit by as much again |
+//! | force | planned, and what a drive from its planned torque to its limit presses with where its lever is longest | twice that (the filter sees differences of errors) |
+//! | angle | half a turn around the plan | the same, from the surface normal |
+//! | root slope | a quarter turn | the same |
+//! | root slope rate | planned and what K_w answers with twice limit and plan of joint 2, at least 10 rad/s | twice that |
+//! | lever | r1 + r2 | the same |
+//!
+//! The force's range is raised further if products of lever and force would otherwise not
+//! reach the torque's range.
+//!
+//! **Error.** [`Analysis::torque_error`] bounds how far a tick's torque is from that of
+//! exact arithmetic with the same saturations, the same table and the same memory
+//! (filters, integral, previous torque); its derivation is in `docs/fixed-point.md`.
+
+use crate::planner::plan::Plan;
+use crate::text::{Short, near};
+use flexor::control::{Coefficients, LawParameters, LimitParameters, Mismatch};
+use flexor::number::Scalar;
+use flexor::number::fixed::{Exponent, Fixed};
+use flexor::signals::{Formats, Measurement};
+use flexor::table::{Header, Table};
+use std::f64::consts::{FRAC_PI_2, PI};
+
+/// Largest accepted bound of a torque's error, as a share of the joint's largest planned
+/// torque: a thousandth is far below what friction leaves unknown.
+pub const TORQUE_ERROR_SHARE: f64 = 1e-3;
+
+/// Largest accepted rounding of a gain, as a share of it.
+pub const GAIN_ERROR_SHARE: f64 = 1e-3;
+
+/// A signal's range and format.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Signal {
+    /// Its name, as in [`flexor::signals::Saturations::entries`] where it is there.
+    pub name: &'static str,
+    /// Its unit.
+    pub unit: &'static str,
+    /// Largest admissible magnitude.
+    pub admissible: f64,
+    /// The format.
+    pub exponent: Exponent,
+}
+
+/// What fixed point needs for an arm, a task, gains and limits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Analysis {
+    /// Every signal.
+    pub signals: [Signal; 7],
+    /// Coefficients with the formats.
+    pub coefficients: Coefficients<Fixed>,
+    /// Bound of each joint's torque error in one tick, N m.
+    pub torque_error: [f64; 2],
+    /// Bound of the force error's error in one tick, N: what the integral may gather.
+    pub force_error: f64,
+}
+
+/// Why an arm or task cannot run in fixed point.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum RangeError {
+    /// A signal's range is too large for its bits.
+    #[error(
+        "fixed point cannot hold the signal '{signal}': its range of {} {unit} leaves torque {joint} uncertain by {} N m, up to {} is accepted; narrow the torque limits or lower the gains",
+        near(*range),
+        near(*error_nm),
+        near(*accepted_nm)
+    )]
+    Signal {
+        /// The signal that contributes most.
+        signal: &'static str,
+        /// Its format's range.
+        range: f64,
+        /// Its unit.
+        unit: &'static str,
+        /// The joint.
+        joint: usize,
+        /// Bound of the torque's error, N m.
+        error_nm: f64,
+        /// Largest accepted, N m.
+        accepted_nm: f64,
+    },
+    /// A gain or length is rounded too much.
+    #[error(
+        "{name} = {} would be {} in fixed point: it is too large or too small for the signals' ranges",
+        Short(*wanted),
+        near(*is)
+    )]
+    Coefficient {
+        /// The key in the file.
+        name: &'static str,
+        /// Its value; of filters, their coefficient at the tick rate.
+        wanted: f64,
+        /// What it would become.
+        is: f64,
+    },
+    /// The table holds values beyond the plan's.
+    #[error(transparent)]
+    Table(#[from] Mismatch),
+}
+
+/// Ranges, formats and coefficients for `plan` with `image`, its table.
+///
+/// # Errors
+/// [`RangeError`] for what does not fit.
+pub fn analyse(
+    plan: &Plan,
+    image: &[u8],
+    law: &LawParameters,
+    limits: &LimitParameters,
+) -> Result<Analysis, RangeError> {
+    let table = Table::open(image).map_err(Mismatch::from)?;
+    let header = table.header();
+    let signals = signals(plan, header, law, limits);
+    let [
+        torque1,
+        torque2,
+        force,
+        angle,
+        root_slope,
+        slope_rate,
+        lever,
+    ] = signals.map(|s| s.exponent);
+    let formats = Formats {
+        torque: [torque1, torque2],
+        force,
+        angle,
+        root_slope,
+        slope_rate,
+        lever,
+    };
+    let arm = &plan.model.arm;
+    let rate = header.tick_rate_hz;
+    let coefficients = Coefficients::<Fixed>::new(arm, law, limits, rate, &formats);
+    for c in coefficients.law().coefficients(law, arm, rate, &formats) {
+        if !((c.is - c.wanted).abs() <= GAIN_ERROR_SHARE * c.wanted.abs()) {
+            return Err(RangeError::Coefficient {
+                name: c.name,
+                wanted: c.wanted,
+                is: c.is,
+            });
+        }
+    }
+    let errors = Errors::new(&signals, header, law, plan);
+    let torque_error = [0, 1].map(|joint| errors.torque(joint).map(|(_, e)| e).iter().sum());
+    for joint in 0..2 {
+        let accepted_nm = TORQUE_ERROR_SHARE * plan.peaks.torque[joint];
+        let error_nm = torque_error[joint];
+        if !(error_nm <= accepted_nm) {
+            let parts = errors.torque(joint);
+            let (at, _) = parts
+                .into_iter()
+                .max_by(|a, b| a.1.total_cmp(&b.1))
+                .unwrap_or_default();
+            return Err(RangeError::Signal {
+                signal: signals[at].name,
+                range: signals[at].exponent.range(),
+                unit: signals[at].unit,
+                joint: joint + 1,
+                error_nm,
+                accepted_nm,
+            });
+        }
+    }
+    Ok(Analysis {
+        signals,
+        coefficients,
+        torque_error,
+        force_error: errors.force,
+    })
+}
+
+/// Positions in the list of signals.
+const FORCE: usize = 2;
+const ANGLE: usize = 3;
+const ROOT_SLOPE: usize = 4;
+const SLOPE_RATE: usize = 5;
+const LEVER: usize = 6;
+
+/// Ranges and formats of all signals.
+fn signals(
+    plan: &Plan,
+    header: &Header,
+    law: &LawParameters,
+    limits: &LimitParameters,
+) -> [Signal; 7] {
+    let arm = &plan.model.arm;
+    let normal = plan.normal_angle();
+    let largest = |f: &dyn Fn(&crate::planner::plan::PlanPoint) -> f64| {
+        plan.points.iter().map(|p| f(p).abs()).fold(0.0, f64::max)
+    };
+    let torque = [0, 1].map(|i| limits.torque_nm[i].max(plan.peaks.torque[i]));
+    let lever2 = |p: &crate::planner::plan::PlanPoint| {
+        arm.link2_length_m * (normal - p.joint.angle[1]).sin()
+    };
+    let lever1 = |p: &crate::planner::plan::PlanPoint| {
+        arm.link1_length_m * (normal - p.joint.angle[0]).sin() + lever2(p)
+    };
+    let levers = [largest(&lever1), largest(&lever2)];
+    let pressed = [0, 1].map(|i| (torque[i] + plan.peaks.torque[i]) / levers[i].max(1e-6));
+    let force = plan.task.normal_force.abs() + pressed[0].max(pressed[1]);
+    let angle = largest(&|p| p.joint.angle[0].abs().max(p.joint.angle[1].abs())) + PI;
+    let slope_rate = {
+        let planned = largest(&|p| p.root_slope_rate);
+        let answered = 2.0 * (torque[1] + plan.peaks.torque[1]) / law.slope_rate_nms_rad.abs();
+        planned
+            + if answered.is_finite() {
+                answered.max(10.0)
+            } else {
+                10.0
+            }
+    };
+    let lever = arm.link1_length_m + arm.link2_length_m;
+
+    // A table's column may reach 2^30 of its integers.
+    let columns = |first: usize, last: usize| {
+        let scaling = header.scaling[first..=last]
+            .iter()
+            .map(|s| 31 - i32::from(*s));
+        scaling.max().unwrap_or(0) as i8
+    };
+    let holding = |magnitude: f64, column: i8| Exponent(Exponent::holding(magnitude).0.max(column));
+    let lever_format = Exponent::holding(lever);
+    let torque_format = [0, 1].map(|i| holding(2.0 * torque[i], columns(i, i)));
+    // Products of lever and force are shifted left, by none or more.
+    let reaching = torque_format.map(|t| t.0 - lever_format.0 - 1);
+    let force_format = holding(2.0 * force, columns(2, 2).max(reaching[0]).max(reaching[1]));
+    let angle_format = holding(normal.abs() + angle, columns(3, 4).max(columns(7, 7)));
+    let signal = |name, unit, admissible, exponent| Signal {
+        name,
+        unit,
+        admissible,
+        exponent,
+    };
+    [
+        signal("torque1", "N m", torque[0], torque_format[0]),
+        signal("torque2", "N m", torque[1], torque_format[1]),
+        signal("force", "N", force, force_format),
+        signal("angle", "rad", angle, angle_format),
+        signal(
+            "root_slope",
+            "rad",
+            FRAC_PI_2,
+            holding(FRAC_PI_2, columns(5, 5)),
+        ),
+        signal(
+            "slope_rate",
+            "rad/s",
+            slope_rate,
+            holding(2.0 * slope_rate, columns(6, 6)),
+        ),
+        signal("lever", "m", lever, lever_format),
+    ]
+}
+
+/// Bounds of a tick's rounding errors, SI.
+struct Errors {
+    /// Of the force error.
+    force: f64,
+    /// Of the correcting force.
+    correction: f64,
+    /// Of a lever.
+    lever: f64,
+    /// Of the deviation of the slope rate.
+    slope_rate: f64,
+    /// Of the planned torques.
+    planned: [f64; 2],
+    /// Of a product's shift.
+    product: [f64; 2],
+    /// Largest correcting force and lever.
+    largest: [f64; 2],
+    /// K_w.
+    slope_rate_gain: f64,
+}
+
+impl Errors {
+    fn new(signals: &[Signal; 7], header: &Header, law: &LawParameters, plan: &Plan) -> Self {
+        let unit = |i: usize| signals[i].exponent.unit();
+        let ulp = |e: i32| 2f64.powi(e);
+        // Splines: 16 units of 2^-28 of what the column's integers can hold, and of the
+        // signal's own where those are coarser.
+        let spline = |column: usize, signal: usize| {
+            let holds = ulp(30 - i32::from(header.scaling[column]));
+            16.0 * (ulp(-28) * holds).max(unit(signal))
+        };
+        // A product with a gain: its mantissa and the rounding, 2^up units of the result.
+        let scaled = |value: f64, from: Exponent, to: Exponent| {
+            let up = Fixed::gain(value, from, to).up();
+            1.5 * ulp(i32::from(up)) * to.unit()
+        };
+        let force_format = signals[FORCE].exponent;
+        let rate = f64::from(header.tick_rate_hz);
+        let force = spline(2, FORCE) + unit(FORCE);
+        let (derivative, proportional) = (law.force_derivative_s * rate, law.force_proportional);
+        let correction = derivative.abs() * (2.0 * force + unit(FORCE))
+            + scaled(derivative, force_format, force_format)
+            + proportional.abs() * (force + unit(FORCE))
+            + scaled(proportional, force_format, force_format)
+            + law.force_integral_per_s / rate * force
+            + unit(FORCE);
+        // Argument: table, the binary angle's unit; then the polynomial.
+        let turn = Fixed::turn(signals[ANGLE].exponent);
+        let angle = spline(7, ANGLE) + 2.0 * PI * ulp(i32::from(turn.up()) - 31);
+        let arm = &plan.model.arm;
+        let lever = (arm.link1_length_m + arm.link2_length_m) * (angle + 4e-8)
+            + scaled(arm.link1_length_m, Fixed::SINE, signals[LEVER].exponent)
+            + scaled(arm.link2_length_m, Fixed::SINE, signals[LEVER].exponent);
+        let slope_rate_gain = law.slope_rate_nms_rad.abs();
+        let slope_rate = spline(6, SLOPE_RATE) + 2.0 * unit(SLOPE_RATE);
+        let torque = [0, 1].map(|i| signals[i].exponent);
+        let own = scaled(slope_rate_gain, signals[SLOPE_RATE].exponent, torque[1]);
+        Self {
+            force,
+            correction,
+            lever,
+            slope_rate: slope_rate + own / slope_rate_gain.max(1e-12),
+            planned: [0, 1].map(|i| spline(i, i)),
+            product: torque.map(|to| {
+                let up = Fixed::shift(signals[LEVER].exponent, force_format, to);
+                ulp(i32::from(up)) * to.unit()
+            }),
+            largest: [
+                force_format.range(),
+                arm.link1_length_m + arm.link2_length_m,
+            ],
+            slope_rate_gain,
+        }
+    }
+
+    /// A joint's torque error in parts: a signal's position and what it contributes, N m.
+    fn torque(&self, joint: usize) -> [(usize, f64); 5] {
+        let slope_rate = if joint == 1 {
+            self.slope_rate_gain * self.slope_rate
+        } else {
+            0.0
+        };
+        [
+            (joint, self.planned[joint]),
+            (FORCE, self.largest[1] * self.correction),
+            // What a lever's error does grows with the range of forces.
+            (FORCE, self.largest[0] * self.lever),
+            (FORCE, self.product[joint]),
+            (SLOPE_RATE, slope_rate),
+        ]
+    }
+}
+
+impl Analysis {
+    /// Formats of the signals.
+    pub fn formats(&self) -> &Formats<Exponent> {
+        &self.coefficients.formats
+    }
+
+    /// The largest admissible measurement.
+    pub fn admissible(&self) -> Measurement<f64> {
+        let range = |i: usize| self.signals[i].admissible;
+        Measurement {
+            angle: [range(ANGLE); 2],
+            root_slope: range(ROOT_SLOPE),
+            root_slope_rate: range(SLOPE_RATE),
+            force: range(FORCE),
+            ..Measurement::default()
+        }
+    }
+}

@@ -1,0 +1,4 @@
+//! What can be said of a loop, and of its numbers, without a board.
+
+pub mod fixed_point;
+pub mod stability;

@@ -1,0 +1,611 @@
+//! The user's files: arm, task, controller and plant, in TOML.
+//!
+//! Every number has a range; every error is one line that names the file, the field,
+//! its value and what is accepted. Unknown keys are refused, with the known ones named.
+
+mod arm;
+mod controller;
+mod plant;
+mod spread;
+mod task;
+
+use crate::model::arm_model::ELEMENTS_MAX;
+use crate::plant::SUBSTEPS_MAX;
+use crate::text::{Short, cut};
+use serde::Deserializer;
+use serde::de::{DeserializeOwned, Error as _, IgnoredAny, SeqAccess, Visitor};
+use std::fmt;
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+pub use arm::{ArmConfig, parse_arm};
+pub use controller::{DERIVATIVE_FILTER_HZ, parse_controller};
+pub use plant::parse_plant;
+pub use spread::parse_spread;
+pub use task::parse_task;
+
+/// The arm that is used when no file is given: the paper's, `examples/arm.toml`.
+pub const DEFAULT_ARM: &str = include_str!("../../../examples/arm.toml");
+/// The task that is used when no file is given: the paper's, `examples/task.toml`.
+pub const DEFAULT_TASK: &str = include_str!("../../../examples/task.toml");
+/// The controller that is used when no file is given: `examples/controller.toml`.
+pub const DEFAULT_CONTROLLER: &str = include_str!("../../../examples/controller.toml");
+/// The plants that gains are examined with when no file is given: `examples/spread.toml`.
+pub const DEFAULT_SPREAD: &str = include_str!("../../../examples/spread.toml");
+
+/// Control rate when none is asked for, Hz.
+pub const DEFAULT_TICK_RATE_HZ: u32 = 5000;
+
+/// What is wrong with a file.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// It cannot be read.
+    #[error("{file}: cannot be read: {cause}")]
+    Unreadable {
+        /// The file.
+        file: String,
+        /// Why.
+        cause: std::io::Error,
+    },
+    /// It is not TOML, or not of the right structure.
+    #[error("{file}: {message}")]
+    Malformed {
+        /// The file.
+        file: String,
+        /// Where and what, with what is accepted.
+        message: String,
+    },
+    /// A value is out of its range.
+    #[error("{file}: {field} = {}; accepted: {accepted}", Short(*value))]
+    OutOfRange {
+        /// The file.
+        file: String,
+        /// Dotted name of the field.
+        field: String,
+        /// Its value.
+        value: f64,
+        /// The range.
+        accepted: String,
+    },
+    /// A value on the command line is out of its range.
+    #[error("{option} {}; accepted: {accepted}", Short(*value))]
+    Option {
+        /// The option, as it is typed.
+        option: &'static str,
+        /// Its value.
+        value: f64,
+        /// The range.
+        accepted: String,
+    },
+}
+
+/// The numbers that a field accepts.
+struct Range {
+    field: &'static str,
+    /// Smallest value; excluded where `above`.
+    low: f64,
+    above: bool,
+    high: f64,
+    /// Words for what the numbers are, with the unit.
+    what: &'static str,
+}
+
+const fn from(field: &'static str, low: f64, high: f64, what: &'static str) -> Range {
+    Range {
+        field,
+        low,
+        above: false,
+        high,
+        what,
+    }
+}
+
+const fn above(field: &'static str, low: f64, high: f64, what: &'static str) -> Range {
+    Range {
+        field,
+        low,
+        above: true,
+        high,
+        what,
+    }
+}
+
+impl Range {
+    /// False for NaN too.
+    fn holds(&self, value: f64) -> bool {
+        let low = if self.above {
+            value > self.low
+        } else {
+            value >= self.low
+        };
+        low && value <= self.high
+    }
+}
+
+impl fmt::Display for Range {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (low, high, what) = (Short(self.low), Short(self.high), self.what);
+        if self.above {
+            write!(f, "{what} above {low} up to {high}")
+        } else {
+            write!(f, "{what} from {low} to {high}")
+        }
+    }
+}
+
+/// Wide enough for any arm that this model describes, and no wider: beyond, a value is
+/// a slip of the unit.
+const RANGES: &[Range] = &[
+    from("link1.length_m", 1e-3, 100.0, "a length in m"),
+    from("link1.mass_kg", 1e-6, 1e5, "a mass in kg"),
+    from("link2.length_m", 1e-3, 100.0, "a length in m"),
+    from("link2.mass_kg", 1e-6, 1e5, "a mass in kg"),
+    from(
+        "link2.bending_stiffness_Nm2",
+        1e-9,
+        1e9,
+        "a stiffness EI in N m^2",
+    ),
+    from("link2.damping_ratio", 0.0, 0.99, "a ratio"),
+    // The planner's zeros become the harder the finer the link; see docs/model.md.
+    from("link2.elements", 1.0, 12.0, "a whole number of elements"),
+    from("link2.root_inertia_kgm2", 0.0, 1e3, "an inertia in kg m^2"),
+    from("link2.tip_mass_kg", 0.0, 1e5, "a mass in kg"),
+    from("link2.tip_inertia_kgm2", 0.0, 1e3, "an inertia in kg m^2"),
+    from("base.gravity_m_s2", -1e3, 1e3, "two accelerations in m/s^2"),
+    above("limits.torque_Nm", 0.0, 1e6, "two torques in N m"),
+    above(
+        "limits.torque_rate_Nm_s",
+        0.0,
+        1e12,
+        "two torque rates in N m/s",
+    ),
+    from("duration_s", 1e-4, 1000.0, "a time in s"),
+    from("pre_actuation_s", 0.0, 60.0, "\"auto\" or a time in s"),
+    from("post_actuation_s", 0.0, 60.0, "\"auto\" or a time in s"),
+    from("actuation_tolerance", 1e-15, 0.5, "a ratio"),
+    from("path.from_m", -200.0, 200.0, "two coordinates in m"),
+    from("path.to_m", -200.0, 200.0, "two coordinates in m"),
+    from("force.normal_N", 0.0, 1e6, "a force in N"),
+    from(
+        "force.direction",
+        -1e6,
+        1e6,
+        "two components, not both zero,",
+    ),
+    from("K_DF_s", 0.0, 1e3, "a gain in s"),
+    from("K_PF", 0.0, 1e3, "a gain"),
+    from("K_IF_per_s", 0.0, 1e6, "a gain in 1/s"),
+    from("K_w_Nms_rad", 0.0, 1e4, "a gain in N m s/rad"),
+    above("force_filter_Hz", 0.0, 1e6, "a frequency in Hz"),
+    above("slope_rate_filter_Hz", 0.0, 1e6, "a frequency in Hz"),
+    from(
+        "elements",
+        1.0,
+        ELEMENTS_MAX as f64,
+        "a whole number of elements",
+    ),
+    from("bending_stiffness_scale", 0.01, 100.0, "a factor"),
+    from("link1_mass_scale", 0.01, 100.0, "a factor"),
+    from("link2_mass_scale", 0.01, 100.0, "a factor"),
+    from("damping_scale", 0.0, 10.0, "a factor"),
+    from("root_inertia_kgm2", 0.0, 1e3, "an inertia in kg m^2"),
+    from("tip_mass_kg", 0.0, 1e5, "a mass in kg"),
+    from("tip_inertia_kgm2", 0.0, 1e3, "an inertia in kg m^2"),
+    from("added_root_inertia_kgm2", 0.0, 1e3, "inertias in kg m^2"),
+    from("contact_angle_rad", -1.0, 1.0, "angles in rad"),
+    from("tick_rate_Hz", 10.0, 1e6, "control rates in Hz"),
+    from(
+        "viscous_friction_Nms_rad",
+        0.0,
+        1e4,
+        "two frictions in N m s/rad",
+    ),
+    from(
+        "coulomb_friction_Nm",
+        0.0,
+        1e4,
+        "two friction torques in N m",
+    ),
+    from(
+        "substeps",
+        1.0,
+        SUBSTEPS_MAX as f64,
+        "a whole number of integration steps a tick",
+    ),
+];
+
+/// Words for what the fields without a range accept.
+const WORDS: &[(&str, &str)] = &[
+    ("link1", "a table [link1]"),
+    ("link2", "a table [link2]"),
+    ("base", "a table [base]"),
+    ("base.elbow", "\"down\" or \"up\""),
+    ("limits", "a table [limits]"),
+    ("path", "a table [path]"),
+    ("path.profile", "\"poly11\""),
+    ("force", "a table [force]"),
+    (
+        "force_projection",
+        "\"jacobian-transpose\" or \"as-printed\"",
+    ),
+    ("slope_rate_feedback", "\"deviation\" or \"as-printed\""),
+    ("feedforward", "true or false"),
+    ("geometric_stiffness", "true or false"),
+    (
+        "start",
+        "\"plan-moving\", \"plan-at-rest\" or \"equilibrium\"",
+    ),
+];
+
+/// What `field` accepts, in words.
+fn accepted(field: &str) -> Option<String> {
+    let range = RANGES.iter().find(|r| r.field == field);
+    let words = || WORDS.iter().find(|(name, _)| *name == field);
+    range
+        .map(ToString::to_string)
+        .or_else(|| words().map(|(_, words)| (*words).to_string()))
+}
+
+/// Reads TOML; errors become one line.
+fn parse<T: DeserializeOwned>(file: &str, text: &str) -> Result<T, ConfigError> {
+    let malformed = |message: String| ConfigError::Malformed {
+        file: file.to_string(),
+        message: cut(&message, MESSAGE_MAX),
+    };
+    let line = |error: &toml::de::Error| {
+        let at = error.span().map_or(0, |span| span.start.min(text.len()));
+        text.as_bytes()[..at]
+            .iter()
+            .filter(|b| **b == b'\n')
+            .count()
+            + 1
+    };
+    // What the file says at the error.
+    let written = |error: &toml::de::Error| {
+        let there = error.span().and_then(|span| text.get(span));
+        there
+            .map(|words| cut(words, WRITTEN_MAX))
+            .filter(|words| !words.is_empty())
+    };
+    let deserializer = toml::Deserializer::parse(text).map_err(|e| {
+        let key = match written(&e) {
+            Some(key) if e.message() == "duplicate key" => format!(" {key}"),
+            _ => String::new(),
+        };
+        malformed(format!("line {}: {}{key}", line(&e), e.message()))
+    })?;
+    serde_path_to_error::deserialize(deserializer).map_err(|e| {
+        let path = e.path().to_string();
+        let inner = e.inner();
+        let message = inner.message();
+        // An element of an array is named like the array.
+        let accepted = |field: &str| accepted(field.split('[').next().unwrap_or_default());
+        // "missing field `x`" comes with the path of its table.
+        let missing = message
+            .strip_prefix("missing field `")
+            .and_then(|m| m.strip_suffix('`'));
+        if let Some(name) = missing {
+            let field = match path.as_str() {
+                "." => name.to_string(),
+                table => format!("{table}.{name}"),
+            };
+            let hint = accepted(&field).map_or(String::new(), |a| format!("; accepted: {a}"));
+            return malformed(format!("{field}: {message}{hint}"));
+        }
+        let place = format!("line {}: {}", line(inner), cut(&path, WRITTEN_MAX));
+        // These are about the key, all others about its value.
+        let of_key = ["unknown field", "duplicate field"];
+        let of_key = of_key.iter().any(|words| message.starts_with(words));
+        malformed(match (written(inner), accepted(&path)) {
+            (Some(value), Some(accepted)) if !of_key => {
+                format!("{place} = {value}; accepted: {accepted}")
+            }
+            _ => format!("{place}: {message}"),
+        })
+    })
+}
+
+/// Characters of what a file says that a message repeats.
+const WRITTEN_MAX: usize = 40;
+
+/// Characters of a message about a file.
+const MESSAGE_MAX: usize = 400;
+
+/// Bytes of a file that are read: enough for any of these files with comments.
+const FILE_BYTES_MAX: u64 = 1 << 20;
+
+/// Checks values against their ranges.
+struct Check<'a> {
+    file: &'a str,
+}
+
+impl Check<'_> {
+    fn value(&self, field: &str, value: f64) -> Result<f64, ConfigError> {
+        let name = field.split('[').next().unwrap_or_default();
+        let Some(range) = RANGES.iter().find(|r| r.field == name) else {
+            debug_assert!(false, "{field} has no range");
+            return Ok(value);
+        };
+        if range.holds(value) {
+            Ok(value)
+        } else {
+            Err(ConfigError::OutOfRange {
+                file: self.file.to_string(),
+                field: field.to_string(),
+                value,
+                accepted: range.to_string(),
+            })
+        }
+    }
+
+    fn pair(&self, field: &str, values: [f64; 2]) -> Result<[f64; 2], ConfigError> {
+        self.value(&format!("{field}[0]"), values[0])?;
+        self.value(&format!("{field}[1]"), values[1])?;
+        Ok(values)
+    }
+
+    fn optional(&self, field: &str, value: Option<f64>) -> Result<Option<f64>, ConfigError> {
+        value.map(|v| self.value(field, v)).transpose()
+    }
+
+    /// Whole numbers are read as integers; only their range is left to check.
+    fn whole(&self, field: &str, value: u32) -> Result<u32, ConfigError> {
+        self.value(field, f64::from(value)).map(|_| value)
+    }
+}
+
+/// Checks the number given with `option`, say `--plant-elements`, against the range of the
+/// file's `field` that it goes before.
+///
+/// # Errors
+/// [`ConfigError::Option`].
+pub fn check_option(
+    option: &'static str,
+    field: &'static str,
+    value: f64,
+) -> Result<f64, ConfigError> {
+    match RANGES.iter().find(|range| range.field == field) {
+        Some(range) if !range.holds(value) => Err(ConfigError::Option {
+            option,
+            value,
+            accepted: range.to_string(),
+        }),
+        Some(_) => Ok(value),
+        None => {
+            debug_assert!(false, "{field} has no range");
+            Ok(value)
+        }
+    }
+}
+
+/// Reads `path`, or takes `default` where there is none, and hands name and text to
+/// `parse`.
+///
+/// # Errors
+/// [`ConfigError`].
+pub fn load<T>(
+    path: Option<&Path>,
+    default: &str,
+    parse: impl Fn(&str, &str) -> Result<T, ConfigError>,
+) -> Result<T, ConfigError> {
+    let Some(path) = path else {
+        return parse("built-in example", default);
+    };
+    let file = path.display().to_string();
+    let mut text = String::new();
+    // One byte more than is accepted; a device would never end.
+    let read = File::open(path)
+        .and_then(|opened| opened.take(FILE_BYTES_MAX + 1).read_to_string(&mut text));
+    match read {
+        Ok(bytes) if bytes as u64 > FILE_BYTES_MAX => Err(ConfigError::Malformed {
+            file,
+            message: format!("more than {FILE_BYTES_MAX} bytes; accepted: up to as many"),
+        }),
+        Ok(_) => parse(&file, &text),
+        Err(cause) => Err(ConfigError::Unreadable { file, cause }),
+    }
+}
+
+/// Exactly two numbers; serde's own arrays leave a third one unread.
+fn pair<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 2], D::Error> {
+    struct Two;
+    impl<'de> Visitor<'de> for Two {
+        type Value = [f64; 2];
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            f.write_str("an array of length 2")
+        }
+        fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<[f64; 2], A::Error> {
+            let mut values = [0.0; 2];
+            for (i, value) in values.iter_mut().enumerate() {
+                *value = list
+                    .next_element()?
+                    .ok_or_else(|| A::Error::invalid_length(i, &self))?;
+            }
+            let mut length = 2;
+            while list.next_element::<IgnoredAny>()?.is_some() {
+                length += 1;
+            }
+            if length > 2 {
+                return Err(A::Error::invalid_length(length, &self));
+            }
+            Ok(values)
+        }
+    }
+    deserializer.deserialize_seq(Two)
+}
+
+/// [`pair`] of a key that may be missing.
+fn optional_pair<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[f64; 2]>, D::Error> {
+    pair(deserializer).map(Some)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::planner::plan::Window;
+
+    #[test]
+    fn the_examples_are_the_papers_arm_and_task() {
+        let config = parse_arm("arm", DEFAULT_ARM).unwrap();
+        assert_eq!(config.arm, crate::testing::PAPER);
+        assert_eq!((config.elements, config.limits), (3, None));
+        let task = parse_task("task", DEFAULT_TASK).unwrap();
+        assert_eq!((task.path.from, task.path.to), ([0.7, 0.05], [0.2, 0.05]));
+        assert_eq!((task.path.duration, task.normal_force), (2.0, 2.0));
+        parse_controller("controller", DEFAULT_CONTROLLER).unwrap();
+        let spread = parse_spread("spread", DEFAULT_SPREAD).unwrap();
+        assert_eq!(spread.bending_stiffness_scale, [0.8, 1.0, 1.2]);
+        assert!(spread.tick_rate_hz.is_empty() && spread.elements.is_empty());
+        let soft = include_str!("../../../examples/plant_soft.toml");
+        assert_eq!(
+            parse_plant("plant", soft)
+                .unwrap()
+                .0
+                .bending_stiffness_scale,
+            0.9
+        );
+    }
+
+    fn arm_error(from: &str, to: &str) -> String {
+        assert!(DEFAULT_ARM.contains(from));
+        parse_arm("arm.toml", &DEFAULT_ARM.replacen(from, to, 1))
+            .unwrap_err()
+            .to_string()
+    }
+
+    #[test]
+    fn errors_are_one_line_with_field_value_and_what_is_accepted() {
+        for (from, to, expected) in [
+            (
+                "length_m = 0.5\n",
+                "length_m = -0.5\n",
+                "arm.toml: link1.length_m = -0.5; accepted: a length in m from 0.001 to 100",
+            ),
+            (
+                "length_m = 0.5\n",
+                "",
+                "arm.toml: link1.length_m: missing field `length_m`; accepted: a length in m from 0.001 to 100",
+            ),
+            (
+                "length_m = 0.5\n",
+                "length_m = \"long\"\n",
+                "arm.toml: line 4: link1.length_m = \"long\"; accepted: a length in m from 0.001 to 100",
+            ),
+            (
+                "mass_kg = 0.24",
+                "mass_kg = nan",
+                "arm.toml: link2.mass_kg = NaN; accepted: a mass in kg from 1e-6 to 100000",
+            ),
+            (
+                "[0.0, 9.81]",
+                "[0.0, inf]",
+                "arm.toml: base.gravity_m_s2[1] = inf; accepted: two accelerations in m/s^2 from -1000 to 1000",
+            ),
+            (
+                "mass_kg = 8.0",
+                "mas_kg = 8.0",
+                "arm.toml: line 5: link1.mas_kg: unknown field `mas_kg`, expected `length_m` or `mass_kg`",
+            ),
+            (
+                "\"down\"",
+                "\"sideways\"",
+                "arm.toml: line 20: base.elbow = \"sideways\"; accepted: \"down\" or \"up\"",
+            ),
+            (
+                "\"down\"",
+                "3",
+                "arm.toml: line 20: base.elbow = 3; accepted: \"down\" or \"up\"",
+            ),
+            (
+                "[0.0, 9.81]",
+                "[0.0,  9.81, 3.0]",
+                "arm.toml: line 19: base.gravity_m_s2 = [0.0, 9.81, 3.0]; accepted: two accelerations in m/s^2 from -1000 to 1000",
+            ),
+            (
+                "mass_kg = 8.0",
+                "mass_kg = 8.0\nmass_kg = 9.0",
+                "arm.toml: line 6: duplicate key mass_kg",
+            ),
+            (
+                "mass_kg = 0.24",
+                "mass_kg = 1e-300",
+                "arm.toml: link2.mass_kg = 1e-300; accepted: a mass in kg from 1e-6 to 100000",
+            ),
+            (
+                "elements = 3",
+                "elements = 0",
+                "arm.toml: link2.elements = 0; accepted: a whole number of elements from 1 to 12",
+            ),
+        ] {
+            assert_eq!(arm_error(from, to), expected);
+        }
+        assert!(arm_error("elements = 3", "elements = -3").contains("link2.elements"));
+        assert!(arm_error("[link1]", "[link1").starts_with("arm.toml: line 3: "));
+        assert!(arm_error("[0.0, 9.81]", "[0.0]").contains("base.gravity_m_s2"));
+    }
+
+    #[test]
+    fn windows_are_numbers_or_auto() {
+        let with = |value: &str| {
+            let text = DEFAULT_TASK.replacen(
+                "pre_actuation_s = 0.0",
+                &format!("pre_actuation_s = {value}"),
+                1,
+            );
+            parse_task("task.toml", &text)
+        };
+        assert_eq!(with("1").unwrap().pre_actuation, Window::Fixed(1.0));
+        assert!(matches!(
+            with("\"auto\"").unwrap().pre_actuation,
+            Window::Auto { .. }
+        ));
+        for bad in ["\"soon\"", "-0.1", "nan", "[1.0]", "true"] {
+            let error = with(bad).unwrap_err().to_string();
+            assert!(
+                error.contains("pre_actuation_s") && error.contains("auto"),
+                "{error}"
+            );
+            assert!(!error.contains('\n'));
+        }
+    }
+
+    #[test]
+    fn a_spread_names_what_is_wrong_with_it() {
+        for (text, words) in [
+            (
+                "bending_stiffness_scale = []",
+                "bending_stiffness_scale = []; accepted",
+            ),
+            (
+                "link2_mass_scale = [1.0, -1.0]",
+                "link2_mass_scale[1] = -1; accepted",
+            ),
+            (
+                "tick_rate_Hz = [1]",
+                "tick_rate_Hz[0] = 1; accepted: control rates in Hz",
+            ),
+            ("elements = [17]", "elements[0] = 17; accepted"),
+            ("stiffness = [1.0]", "unknown field `stiffness`"),
+        ] {
+            let error = parse_spread("spread.toml", text).unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
+        }
+        let many = format!("contact_angle_rad = {:?}", vec![0.0; 1001]);
+        let error = parse_spread("spread.toml", &many).unwrap_err().to_string();
+        assert!(
+            error.contains("1001 combinations; accepted: up to 1000"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn a_derivative_gain_has_a_filter() {
+        let text = DEFAULT_CONTROLLER.replacen("K_DF_s = 0.0", "K_DF_s = 0.01", 1);
+        let law = parse_controller("controller.toml", &text).unwrap();
+        assert_eq!(law.force_filter_hz, Some(DERIVATIVE_FILTER_HZ));
+        let law = parse_controller("controller.toml", DEFAULT_CONTROLLER).unwrap();
+        assert_eq!(law.force_filter_hz, None);
+    }
+}

@@ -1,0 +1,4 @@
+//! The user's files, checked; results as CSV and JSON.
+
+pub mod config;
+pub mod export;

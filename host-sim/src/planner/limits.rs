@@ -1,0 +1,15 @@
+//! Torque limits for drives of which nothing is known.
+
+use super::plan::Plan;
+use flexor::control::LimitParameters;
+
+/// Limits for drives of which nothing is known: three times the largest planned
+/// torque, reached from zero within half a millisecond. They are there to stop a
+/// runaway, not to shape the motion.
+pub fn default_limits(plan: &Plan) -> LimitParameters {
+    let torque_nm = plan.peaks.torque.map(|peak| 3.0 * peak.max(1e-6));
+    LimitParameters {
+        torque_nm,
+        torque_rate_nm_s: torque_nm.map(|torque| torque / 5e-4),
+    }
+}

@@ -1,0 +1,868 @@
+//! Planning: from a task to joint motion, elastic motion and feedforward torques
+//! (eq. 12-17).
+//!
+//! The tip's motion and the contact force are given. Inverse kinematics gives the
+//! link angles; the deflection follows from a boundary-value problem
+//! ([`crate::model::dynamics::DeflectionEquation`] by [`crate::planner::collocation`]) with the
+//! resting shapes at both ends; inverse dynamics gives the torques.
+//!
+//! Glossary: *pre-* and *post-actuation* are the times before and after the tip's
+//! motion in which the link bends while the tip rests, so that the motion can start
+//! and end with the link at rest too; *zeros* are the growth rates of the deflection
+//! for a prescribed tip, in pairs of either sign.
+
+use crate::model::arm_model::{ArmModel, ModelError, dot};
+use crate::model::dynamics;
+use crate::model::dynamics::{Motion, Posture, Surface};
+use crate::planner::collocation;
+use crate::planner::collocation::{CollocationError, Solution};
+use crate::planner::path::{Line, TipMotion};
+use crate::text::{Short, near};
+use flexor::model::{ArmParameters, JointMotion, KinematicsError};
+use nalgebra::{Complex, DMatrix, DVector};
+
+/// Fewest control periods that a path can be travelled in.
+pub const TICKS_MIN: f64 = 16.0;
+
+/// Most control periods of a whole plan, 200 s at 5 kHz: some 300 bytes each in memory and
+/// as much again in plan.csv, and some seconds to plan.
+pub const TICKS_MAX: f64 = 1e6;
+
+/// Which equations the planner uses.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Equations {
+    /// All of them, with the terms of second order in the deflection.
+    #[default]
+    Exact,
+    /// Eq. 14-17 as the paper prints them, but for their slips of sign: without the
+    /// axial load and the terms of second order, and with the torques as least-squares
+    /// solution of eq. 9 and 11, which then contradict each other.
+    AsPrinted,
+}
+
+/// How long the link may bend before or after the tip's motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Window {
+    /// This long, s.
+    Fixed(f64),
+    /// Until the slowest zero at the path's end has decayed to the given tolerance.
+    Auto {
+        /// Ratio to which the deflection's rate decays.
+        tolerance: f64,
+    },
+}
+
+/// What the tip shall do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Task {
+    /// The tip's path and its timing.
+    pub path: Line,
+    /// Force on the surface along its normal, N.
+    pub normal_force: f64,
+    /// Direction that tells the path's two normals apart: the force is along the one
+    /// with a positive component in this direction. `None`: downwards (+a2), or along
+    /// +a1 for a vertical path.
+    pub direction: Option<[f64; 2]>,
+    /// Time before the tip's motion.
+    pub pre_actuation: Window,
+    /// Time after it.
+    pub post_actuation: Window,
+}
+
+/// Why there is no plan.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PlanError {
+    /// The arm cannot take the tip along the path.
+    #[error("the path cannot be followed: at t = {t_s:.4} s, point ({:.4}, {:.4}) m, it is {source}", point_m[0], point_m[1])]
+    Path {
+        /// When, s.
+        t_s: f64,
+        /// Where, m.
+        point_m: [f64; 2],
+        /// What is wrong there.
+        source: KinematicsError,
+    },
+    /// The path is a point.
+    #[error("path.from_m and path.to_m are the same point ({:.4}, {:.4}) m: a path longer than 1e-6 m is accepted", .0[0], .0[1])]
+    NoPath([f64; 2]),
+    /// The force's direction does not choose between the path's normals.
+    #[error("force.direction = [{}, {}] runs along the path: a direction with a component across it is accepted", Short(.0[0]), Short(.0[1]))]
+    Direction([f64; 2]),
+    /// Too few or too many control periods.
+    #[error(
+        "{what} of {} s is {} control periods at {tick_rate_hz} Hz: {accepted} are accepted",
+        Short(*value_s),
+        near(*ticks)
+    )]
+    Duration {
+        /// What takes that long.
+        what: &'static str,
+        /// How long, s.
+        value_s: f64,
+        /// The same in ticks.
+        ticks: f64,
+        /// Control rate, Hz.
+        tick_rate_hz: u32,
+        /// What is accepted.
+        accepted: String,
+    },
+    /// No real part of a zero to derive a window from.
+    #[error(
+        "{what} = \"auto\" cannot be derived: the arm's slowest zero there decays at {} 1/s; give a number of seconds",
+        near(*rate_per_s)
+    )]
+    NoWindow {
+        /// Which window.
+        what: &'static str,
+        /// Decay rate, 1/s.
+        rate_per_s: f64,
+    },
+    /// The deflection could not be found.
+    #[error(
+        "no elastic motion was found for this task ({0}); a longer duration_s, or less force, makes it easier"
+    )]
+    Deflection(#[from] CollocationError),
+    /// The link buckles at an end of the path.
+    #[error("link 2 has no resting shape at {} of the path: the load reaches its buckling load", if *.end { "the end" } else { "the start" })]
+    Buckled {
+        /// At the end, or at the start.
+        end: bool,
+    },
+    /// A planned quantity is not finite or absurdly large.
+    #[error(
+        "the planned {what} reaches {} at t = {t_s:.4} s: at most {} is accepted; a longer duration_s makes motion's share smaller, less force.normal_N and a stiffer link2 the share at rest",
+        near(*value),
+        near(*limit)
+    )]
+    Excessive {
+        /// What is excessive.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+        /// When, s.
+        t_s: f64,
+        /// What is accepted.
+        limit: f64,
+    },
+    /// The link has zeros that come in no pair of growth and decay.
+    #[error(
+        "link 2 has {growing} growing and {decaying} decaying zeros, as many of each are accepted: link2.tip_inertia_kgm2 = {} makes the tip swing freely against the plan; a smaller one or 0 is accepted",
+        Short(*tip_inertia_kgm2)
+    )]
+    Unpaired {
+        /// Number of zeros that grow.
+        growing: usize,
+        /// Number of zeros that decay.
+        decaying: usize,
+        /// The arm's tip inertia, kg m^2, which causes this.
+        tip_inertia_kgm2: f64,
+    },
+    /// The deflection found is not good enough to be used.
+    #[error(
+        "the planned deflection is only good to {estimate:.1e} rad or m, 1e-2 is accepted; a longer duration_s, pre_actuation_s or fewer link2.elements make it better"
+    )]
+    Inaccurate {
+        /// Estimated error.
+        estimate: f64,
+    },
+    /// The arm has no model.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+}
+
+/// The plan at an instant, but for the deflection.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlanPoint {
+    /// Time from the path's start, s.
+    pub t: f64,
+    /// The tip's motion.
+    pub tip: TipMotion,
+    /// The links' motion.
+    pub joint: JointMotion<f64>,
+    /// Slope of link 2 at its root, rad.
+    pub root_slope: f64,
+    /// Its rate, rad/s.
+    pub root_slope_rate: f64,
+    /// Feedforward torques (tau1, tau2), N m.
+    pub torque: [f64; 2],
+}
+
+impl PlanPoint {
+    /// Mechanical power of the two joints, W; joint 2 turns the root tangent against
+    /// link 1.
+    pub fn power(&self) -> [f64; 2] {
+        let [rate1, rate2] = self.joint.rate;
+        [
+            self.torque[0] * rate1,
+            self.torque[1] * (rate2 + self.root_slope_rate - rate1),
+        ]
+    }
+}
+
+/// Largest planned magnitudes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Peaks {
+    /// |tau1|, |tau2|, N m.
+    pub torque: [f64; 2],
+    /// Power magnitudes, W.
+    pub power: [f64; 2],
+    /// Largest change of either torque within a control period, times the rate, N m/s.
+    pub torque_rate: [f64; 2],
+}
+
+/// A plan: everything known about the motion before it happens.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// The model that was planned with.
+    pub model: ArmModel,
+    /// The task.
+    pub task: Task,
+    /// The equations used.
+    pub equations: Equations,
+    /// The surface along the path.
+    pub surface: Surface,
+    /// Control rate, Hz.
+    pub tick_rate_hz: u32,
+    /// Control periods before the path's start.
+    pub pre_ticks: u32,
+    /// Control periods of the whole plan.
+    pub ticks: u32,
+    /// The plan at every tick, `ticks + 1` points.
+    pub points: Vec<PlanPoint>,
+    /// Nodal deflections and slopes at every tick (m, rad), `dof` numbers a tick.
+    pub deflection: Vec<f64>,
+    /// Largest magnitudes.
+    pub peaks: Peaks,
+    solution: Solution,
+    turn: Turn,
+}
+
+/// Makes the angle of the line from joint 1 to the tip continuous along the path: the
+/// principal value jumps where the path crosses the negative a1 axis.
+#[derive(Clone, Copy, Debug)]
+struct Turn {
+    /// Added to both angles where the tip is above (x2 < 0), and elsewhere, rad.
+    above: f64,
+    below: f64,
+}
+
+impl Turn {
+    fn of(path: &Line) -> Self {
+        let ([x0, y0], [x1, y1]) = (path.from, path.to);
+        let crosses = (y0 < 0.0) != (y1 < 0.0) && x0 * y1 - x1 * y0 != 0.0 && {
+            let share = y0 / (y0 - y1);
+            x0 + share * (x1 - x0) < 0.0
+        };
+        let turn = core::f64::consts::TAU;
+        match (crosses, y0 < 0.0) {
+            (false, _) => Self {
+                above: 0.0,
+                below: 0.0,
+            },
+            (true, false) => Self {
+                above: turn,
+                below: 0.0,
+            },
+            (true, true) => Self {
+                above: 0.0,
+                below: -turn,
+            },
+        }
+    }
+}
+
+/// The planner's boundary-value problem.
+struct Deflection<'a> {
+    model: &'a ArmModel,
+    path: &'a Line,
+    force: [f64; 2],
+    as_printed: bool,
+    mass: DMatrix<f64>,
+    /// Tolerated errors of the deflection (rad, m) and of tau2 (N m).
+    tolerance: [f64; 2],
+    /// Shortest interval worth having, s.
+    resolution: f64,
+}
+
+impl Deflection<'_> {
+    fn equation(&self, t: f64) -> dynamics::DeflectionEquation {
+        let tip = self.path.at(t);
+        // The path has been checked; where rounding at its edge still refuses, rest.
+        let joint = self
+            .model
+            .kinematics
+            .inverse_motion(
+                tip.position,
+                tip.velocity,
+                tip.acceleration,
+                self.model.arm.elbow,
+            )
+            .unwrap_or_default();
+        let posture = Posture::new(self.model, joint.angle);
+        dynamics::deflection_equation(self.model, &joint, &posture, self.force, self.as_printed)
+    }
+}
+
+impl collocation::Problem for Deflection<'_> {
+    fn functions(&self) -> usize {
+        self.model.dof()
+    }
+
+    fn mass(&self) -> &DMatrix<f64> {
+        &self.mass
+    }
+
+    fn linearise(
+        &self,
+        t: f64,
+        q: &[f64],
+        rate: &[f64],
+        value: &mut [f64],
+        by_q: &mut DMatrix<f64>,
+        by_rate: &mut DMatrix<f64>,
+    ) {
+        self.equation(t)
+            .linearise(self.model, q, rate, value, by_q, by_rate);
+    }
+
+    fn size(&self, w: &[f64], acceleration: &[f64]) -> f64 {
+        let deflection = largest(w) / self.tolerance[0];
+        // How the accelerations enter the torques, tau2 and tau1 - tau2.
+        let joint2 = dot(self.model.nodal.second_moment.as_slice(), acceleration).abs();
+        let joint1 = dot(self.model.nodal.first_moment.as_slice(), acceleration).abs();
+        let torque = (joint2 + self.model.arm.link1_length_m * joint1) / self.tolerance[1];
+        // Not max(), which passes NaN over.
+        if torque <= deflection {
+            deflection
+        } else {
+            torque
+        }
+    }
+
+    fn resolution(&self) -> f64 {
+        self.resolution
+    }
+}
+
+/// Largest nodal deflection or slope, m or rad; NaN if any is.
+fn largest(w: &[f64]) -> f64 {
+    let larger = |m: f64, w: &f64| if w.abs() <= m { m } else { w.abs() };
+    w.iter().fold(0.0, larger)
+}
+
+/// Unit normal of the surface along `task`'s path, into which the tip presses.
+fn surface(task: &Task) -> Result<Surface, PlanError> {
+    let path = &task.path;
+    let length = path.length();
+    if !(length > 1e-6) {
+        return Err(PlanError::NoPath(path.from));
+    }
+    let along = [
+        (path.to[0] - path.from[0]) / length,
+        (path.to[1] - path.from[1]) / length,
+    ];
+    let normal = [-along[1], along[0]];
+    let component = |d: [f64; 2]| d[0] * normal[0] + d[1] * normal[1];
+    let side = match task.direction {
+        Some(direction) => {
+            let side = component(direction);
+            if side.abs() < 1e-6 * direction[0].hypot(direction[1]) || side == 0.0 {
+                return Err(PlanError::Direction(direction));
+            }
+            side
+        }
+        None if normal[1].abs() > 1e-9 => normal[1],
+        None => normal[0],
+    };
+    let normal = normal.map(|n| n * side.signum());
+    Ok(Surface {
+        normal,
+        offset_m: normal[0] * path.from[0] + normal[1] * path.from[1],
+    })
+}
+
+/// Refuses paths that the arm cannot follow; a straight line is worst at its ends and
+/// where it is nearest to joint 1.
+fn check_path(model: &ArmModel, path: &Line) -> Result<(), PlanError> {
+    for share in [0.0, path.nearest_share(), 1.0] {
+        let t_s = path.time_of_share(share);
+        let point_m = [0, 1].map(|i| path.from[i] + share * (path.to[i] - path.from[i]));
+        if let Err(source) = model.kinematics.inverse(point_m, model.arm.elbow) {
+            return Err(PlanError::Path {
+                t_s,
+                point_m,
+                source,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Zeros of the arm at rest at `angle` under `force` (N, inertial axes): growth rates,
+/// 1/s, of the deflection with a fixed tip.
+fn zeros_of(model: &ArmModel, angle: [f64; 2], force: [f64; 2]) -> Vec<Complex<f64>> {
+    let n = model.dof();
+    let joint = JointMotion {
+        angle,
+        ..JointMotion::default()
+    };
+    let posture = Posture::new(model, angle);
+    let equation = dynamics::deflection_equation(model, &joint, &posture, force, false);
+    let (mut by_q, mut by_rate) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
+    let zeros = vec![0.0; n];
+    let mut value = vec![0.0; n];
+    equation.linearise(model, &zeros, &zeros, &mut value, &mut by_q, &mut by_rate);
+    let mass = dynamics::eliminated_mass(model).lu();
+    let mut system = DMatrix::zeros(2 * n, 2 * n);
+    for i in 0..n {
+        system[(i, n + i)] = 1.0;
+    }
+    for (matrix, column) in [(by_q, 0), (by_rate, n)] {
+        if let Some(solved) = mass.solve(&matrix) {
+            system.view_mut((n, column), (n, n)).copy_from(&solved);
+        }
+    }
+    system.complex_eigenvalues().iter().copied().collect()
+}
+
+/// The slowest zeros, 1/s, of the arm at rest at `angle` under `force` (N, inertial
+/// axes): `[growing, decaying]`, infinite where there is none of that sign.
+pub fn slowest_zeros(model: &ArmModel, angle: [f64; 2], force: [f64; 2]) -> [f64; 2] {
+    let zeros = zeros_of(model, angle, force);
+    let slowest = |sign: f64| {
+        let rates = zeros.iter().map(|zero| sign * zero.re);
+        rates
+            .filter(|rate| *rate > 0.0)
+            .fold(f64::INFINITY, f64::min)
+    };
+    [slowest(1.0), -slowest(-1.0)]
+}
+
+impl Task {
+    /// Length of a window, s, at the posture `angle`; `growing` before the motion,
+    /// decaying after it.
+    fn window(
+        model: &ArmModel,
+        window: Window,
+        angle: [f64; 2],
+        force: [f64; 2],
+        before: bool,
+    ) -> Result<f64, PlanError> {
+        match window {
+            Window::Fixed(seconds) => Ok(seconds),
+            Window::Auto { tolerance } => {
+                let [growing, decaying] = slowest_zeros(model, angle, force);
+                let rate_per_s = if before { growing } else { -decaying };
+                let seconds = -tolerance.ln() / rate_per_s;
+                // A minute of waiting is no plan; infinite where no zero has that sign.
+                if rate_per_s.is_finite() && seconds <= 60.0 {
+                    Ok(seconds)
+                } else {
+                    let what = if before {
+                        "pre_actuation_s"
+                    } else {
+                        "post_actuation_s"
+                    };
+                    Err(PlanError::NoWindow { what, rate_per_s })
+                }
+            }
+        }
+    }
+}
+
+/// Tolerated error of the torques for one of the deflection, N m/rad: with 1e-7 rad, 5e-7 N m
+/// by an estimate that is some 10 times too large.
+const TORQUE_PER_DEFLECTION: f64 = 5.0;
+
+/// How to plan.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlanOptions {
+    /// Elements of link 2.
+    pub elements: usize,
+    /// Control rate, Hz.
+    pub tick_rate_hz: u32,
+    /// The equations to use.
+    pub equations: Equations,
+    /// Largest error of the deflection, rad and m.
+    pub tolerance: f64,
+}
+
+impl Default for PlanOptions {
+    /// The paper's elements, 5 kHz, the exact equations, and a tolerance with which the
+    /// deflections of the paper's task are good to 1e-9 rad and its torques to 1e-6 N m.
+    fn default() -> Self {
+        Self {
+            elements: 3,
+            tick_rate_hz: 5000,
+            equations: Equations::Exact,
+            tolerance: 1e-7,
+        }
+    }
+}
+
+/// Plans `task` for `arm`.
+///
+/// # Errors
+/// [`PlanError`]: paths that cannot be followed, durations out of range, motions for
+/// which no deflection is found.
+pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<Plan, PlanError> {
+    let PlanOptions {
+        elements,
+        tick_rate_hz,
+        equations,
+        ..
+    } = *options;
+    let model = ArmModel::new(arm, elements)?;
+    let surface = surface(task)?;
+    let force = surface.normal.map(|n| n * task.normal_force);
+    let path = task.path;
+    check_path(&model, &path)?;
+
+    let rate = f64::from(tick_rate_hz);
+    let posture = |share: f64| {
+        let point = [0, 1].map(|i| path.from[i] + share * (path.to[i] - path.from[i]));
+        let t_s = path.time_of_share(share);
+        model
+            .kinematics
+            .inverse(point, arm.elbow)
+            .map_err(|source| PlanError::Path {
+                t_s,
+                point_m: point,
+                source,
+            })
+    };
+    let (start, end) = (posture(0.0)?, posture(1.0)?);
+    let pre = Task::window(&model, task.pre_actuation, start, force, true)?;
+    let post = Task::window(&model, task.post_actuation, end, force, false)?;
+
+    // Whole ticks, rounded up: the tip rests for the remainder of the last one.
+    let whole = |seconds: f64| (seconds * rate - 1e-6).ceil().max(0.0);
+    let refuse = |what, value_s: f64, accepted: String| PlanError::Duration {
+        what,
+        value_s,
+        ticks: value_s * rate,
+        tick_rate_hz,
+        accepted,
+    };
+    if !(path.duration * rate >= TICKS_MIN) {
+        return Err(refuse(
+            "duration_s",
+            path.duration,
+            format!("{TICKS_MIN} or more"),
+        ));
+    }
+    let total = pre + path.duration + post;
+    if !(total * rate <= TICKS_MAX) {
+        return Err(refuse(
+            "the whole motion",
+            total,
+            format!("up to {} ({} s)", Short(TICKS_MAX), Short(TICKS_MAX / rate)),
+        ));
+    }
+    let pre_ticks = whole(pre) as u32;
+    let ticks = pre_ticks + whole(path.duration + post) as u32;
+    let span = [
+        -f64::from(pre_ticks) / rate,
+        f64::from(ticks - pre_ticks) / rate,
+    ];
+
+    let rest = |angle, end| {
+        let at_rest = match equations {
+            Equations::Exact => dynamics::equilibrium(&model, angle, force, false)
+                .map(|(q, _)| model.deflection(&q)),
+            Equations::AsPrinted => {
+                let joint = JointMotion {
+                    angle,
+                    ..JointMotion::default()
+                };
+                let posture = Posture::new(&model, angle);
+                let equation = dynamics::deflection_equation(&model, &joint, &posture, force, true);
+                model.nodal.stiffness.clone().lu().solve(&equation.constant)
+            }
+        };
+        at_rest
+            .filter(|w| w.iter().all(|x| x.is_finite()))
+            .ok_or(PlanError::Buckled { end })
+    };
+    let (rest_start, rest_end) = (rest(start, false)?, rest(end, true)?);
+    let zeros = zeros_of(&model, start, force);
+    let growing = zeros.iter().filter(|zero| zero.re > 0.0).count();
+    if 2 * growing != zeros.len() {
+        return Err(PlanError::Unpaired {
+            growing,
+            decaying: zeros.len() - growing,
+            tip_inertia_kgm2: arm.tip_inertia_kgm2,
+        });
+    }
+    let fastest = zeros
+        .iter()
+        .map(|zero| zero.re.hypot(zero.im))
+        .fold(1.0, f64::max);
+    let problem = Deflection {
+        model: &model,
+        path: &path,
+        force,
+        as_printed: equations == Equations::AsPrinted,
+        mass: dynamics::eliminated_mass(&model),
+        tolerance: [options.tolerance, TORQUE_PER_DEFLECTION * options.tolerance],
+        resolution: 0.1 / fastest,
+    };
+    let mesh = first_mesh(span, path.duration, problem.resolution);
+    let solution =
+        collocation::solve(&problem, mesh, [rest_start.as_slice(), rest_end.as_slice()])?;
+
+    let mut plan = Plan {
+        turn: Turn::of(&path),
+        surface,
+        task: *task,
+        equations,
+        tick_rate_hz,
+        pre_ticks,
+        ticks,
+        points: Vec::with_capacity(ticks as usize + 1),
+        deflection: Vec::with_capacity((ticks as usize + 1) * model.dof()),
+        peaks: Peaks::default(),
+        solution: solution.transformed(&model.coordinates),
+        model,
+    };
+    let estimate = plan.error_estimate();
+    if !(estimate <= 1e-2) {
+        return Err(PlanError::Inaccurate { estimate });
+    }
+    plan.tabulate()?;
+    Ok(plan)
+}
+
+/// A first mesh that refinement has little to add to: evenly spaced for the motion and
+/// for the rests before and after it, and towards the ends of each of these ever
+/// denser, down to ten times the `resolution`, s, as there may be layers. Layers must be seen from the start: once spread over a coarse mesh,
+/// they make all of it look inaccurate.
+fn first_mesh(span: [f64; 2], duration: f64, resolution: f64) -> Vec<f64> {
+    /// On the paper's task this leaves an error of 1e-9 between the ends.
+    const MOTION_INTERVALS: usize = 24;
+    /// Long rests are as smooth as they are long.
+    const REST_INTERVALS: usize = 6;
+    /// From interval to interval towards an end.
+    const RATIO: f64 = 3.0;
+    let mut pieces = vec![span[0]];
+    let breaks = [0.0, duration].into_iter();
+    pieces.extend(breaks.filter(|t| *t > span[0] && *t < span[1]));
+    pieces.push(span[1]);
+    let mut mesh = Vec::new();
+    for piece in pieces.windows(2) {
+        let moving = piece[0] >= 0.0 && piece[0] < duration;
+        let count = if moving {
+            MOTION_INTERVALS
+        } else {
+            REST_INTERVALS
+        };
+        let step = (piece[1] - piece[0]) / count as f64;
+        let finest = 10.0 * resolution;
+        let shares = (1..)
+            .map(|k| RATIO.powi(-k))
+            .take_while(|share| share * step > finest);
+        let shares: Vec<f64> = shares.collect();
+        mesh.push(piece[0]);
+        mesh.extend(shares.iter().rev().map(|share| piece[0] + step * share));
+        mesh.extend((1..count).map(|i| piece[0] + step * i as f64));
+        mesh.extend(shares.iter().map(|share| piece[1] - step * share));
+    }
+    mesh.push(span[1]);
+    mesh
+}
+
+impl Plan {
+    /// Estimated largest error of the deflection, rad and m.
+    pub fn error_estimate(&self) -> f64 {
+        self.solution
+            .error_estimate(|q| largest(self.model.deflection(q).as_slice()))
+    }
+
+    /// Intervals of the boundary-value problem's mesh, and Newton iterations spent.
+    pub fn effort(&self) -> (usize, usize) {
+        (self.solution.mesh().len() - 1, self.solution.iterations)
+    }
+
+    /// Time of a tick, s from the path's start.
+    pub fn time(&self, tick: u32) -> f64 {
+        (f64::from(tick) - f64::from(self.pre_ticks)) / f64::from(self.tick_rate_hz)
+    }
+
+    /// Planned contact force, N, inertial axes.
+    pub fn force(&self) -> [f64; 2] {
+        self.surface.normal.map(|n| n * self.task.normal_force)
+    }
+
+    /// Direction of the surface normal, rad from a1 towards a2.
+    pub fn normal_angle(&self) -> f64 {
+        self.surface.normal[1].atan2(self.surface.normal[0])
+    }
+
+    /// Nodal deflections and slopes at a tick (m, rad).
+    pub fn deflection_at(&self, tick: u32) -> &[f64] {
+        let n = self.model.dof();
+        &self.deflection[tick as usize * n..][..n]
+    }
+
+    /// Reads the plan at any time.
+    pub fn sampler(&self) -> Sampler<'_> {
+        let n = self.model.dof();
+        Sampler {
+            plan: self,
+            interval: 0,
+            q: vec![0.0; n],
+            q_rate: vec![0.0; n],
+            q_acceleration: vec![0.0; n],
+        }
+    }
+
+    /// Fills the points, deflections and peaks.
+    fn tabulate(&mut self) -> Result<(), PlanError> {
+        let mut points = core::mem::take(&mut self.points);
+        let mut deflection = core::mem::take(&mut self.deflection);
+        let mut peaks = Peaks::default();
+        let mut sampler = self.sampler();
+        let shapes = self.model.shapes.transpose();
+        for tick in 0..=self.ticks {
+            let point = sampler.at(self.time(tick));
+            // Rows of shapes are columns of its transpose: contiguous.
+            deflection.extend(
+                shapes
+                    .as_slice()
+                    .chunks_exact(self.model.dof())
+                    .map(|row| dot(row, &sampler.q)),
+            );
+            let power = point.power();
+            for joint in 0..2 {
+                let torque = point.torque[joint];
+                const LIMIT: f64 = 1e6;
+                if !(torque.abs() <= LIMIT) {
+                    let what = ["torque tau1 (N m)", "torque tau2 (N m)"][joint];
+                    let (value, t_s) = (torque, point.t);
+                    return Err(PlanError::Excessive {
+                        what,
+                        value,
+                        t_s,
+                        limit: LIMIT,
+                    });
+                }
+                peaks.torque[joint] = peaks.torque[joint].max(torque.abs());
+                peaks.power[joint] = peaks.power[joint].max(power[joint].abs());
+                if let Some(last) = points.last() {
+                    let last: &PlanPoint = last;
+                    let rate = (torque - last.torque[joint]).abs() * f64::from(self.tick_rate_hz);
+                    peaks.torque_rate[joint] = peaks.torque_rate[joint].max(rate);
+                }
+            }
+            // Beyond a right angle a small-deflection beam means nothing.
+            const SLOPE_LIMIT: f64 = core::f64::consts::FRAC_PI_2;
+            if !(point.root_slope.abs() <= SLOPE_LIMIT) {
+                return Err(PlanError::Excessive {
+                    what: "slope at link 2's root (rad)",
+                    value: point.root_slope,
+                    t_s: point.t,
+                    limit: SLOPE_LIMIT,
+                });
+            }
+            points.push(point);
+        }
+        self.points = points;
+        self.deflection = deflection;
+        self.peaks = peaks;
+        Ok(())
+    }
+}
+
+/// Evaluates a [`Plan`] at any time; cheapest for ascending times.
+#[derive(Clone, Debug)]
+pub struct Sampler<'p> {
+    plan: &'p Plan,
+    interval: usize,
+    q: Vec<f64>,
+    q_rate: Vec<f64>,
+    q_acceleration: Vec<f64>,
+}
+
+impl Sampler<'_> {
+    /// The plan at time `t`, s from the path's start; modal coordinates and rates are
+    /// to be had from [`q`](Self::q) and [`q_rate`](Self::q_rate) then. Just outside
+    /// the plan's time the deflection is extrapolated.
+    pub fn at(&mut self, t: f64) -> PlanPoint {
+        let plan = self.plan;
+        let model = &plan.model;
+        let tip = plan.task.path.at(t);
+        let mut joint = model
+            .kinematics
+            .inverse_motion(
+                tip.position,
+                tip.velocity,
+                tip.acceleration,
+                model.arm.elbow,
+            )
+            .unwrap_or_default();
+        let turn = if tip.position[1] < 0.0 {
+            plan.turn.above
+        } else {
+            plan.turn.below
+        };
+        joint.angle = joint.angle.map(|a| a + turn);
+
+        self.interval = plan.solution.interval(t, self.interval);
+        plan.solution.evaluate(
+            t,
+            self.interval,
+            &mut self.q,
+            &mut self.q_rate,
+            &mut self.q_acceleration,
+        );
+        let force = plan.force();
+        let posture = Posture::new(model, joint.angle);
+        let motion = Motion {
+            joint,
+            posture,
+            q: &self.q,
+            q_rate: &self.q_rate,
+            q_acceleration: &self.q_acceleration,
+        };
+        let torque = if plan.equations == Equations::AsPrinted {
+            dynamics::inverse_as_printed(model, &motion, force)
+        } else {
+            dynamics::inverse(model, &motion, force)
+        };
+        PlanPoint {
+            t,
+            tip,
+            joint,
+            root_slope: model.slope_at_root(&self.q),
+            root_slope_rate: model.slope_at_root(&self.q_rate),
+            torque,
+        }
+    }
+
+    /// Modal coordinates at the time last asked for.
+    pub fn q(&self) -> &[f64] {
+        &self.q
+    }
+
+    /// Their rates, 1/s.
+    pub fn q_rate(&self) -> &[f64] {
+        &self.q_rate
+    }
+
+    /// What is left of the elastic equations at the time last asked for, given the
+    /// point found there: zero to rounding with the exact equations.
+    pub fn residual(&self, point: &PlanPoint) -> DVector<f64> {
+        let motion = Motion {
+            joint: point.joint,
+            posture: Posture::new(&self.plan.model, point.joint.angle),
+            q: &self.q,
+            q_rate: &self.q_rate,
+            q_acceleration: &self.q_acceleration,
+        };
+        DVector::from_vec(dynamics::elastic_residual(
+            &self.plan.model,
+            &motion,
+            point.torque[1],
+        ))
+    }
+}

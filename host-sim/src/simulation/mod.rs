@@ -1,0 +1,4 @@
+//! Controller and plant in lock-step.
+
+pub mod cases;
+pub mod closed_loop;

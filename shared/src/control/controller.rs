@@ -1,0 +1,255 @@
+//! The one control tick: cursor -> reference -> law -> guard -> torque.
+//!
+//! [`Controller::tick`] is called once a control period with what the sensors say
+//! and returns what the drives get until the next tick. Firmware and simulator call
+//! this very function. It allocates nothing, calls no libm function, and always returns finite torques within the limits.
+//!
+//! A [`Fault`] is latched: from then on the torques are zero until
+//! [`Controller::restart`].
+
+use crate::control::law::{Law, LawParameters, LawState};
+use crate::control::limiter::{Guard, LimitParameters};
+use crate::fault::Fault;
+use crate::model::ArmParameters;
+use crate::number::Scalar;
+use crate::signals::{Formats, Limiting, Measurement, Reference, Saturations};
+use crate::table::{Cursor, Table, TableError};
+use core::fmt;
+use serde::{Deserialize, Serialize};
+
+/// What the controller answers to a measurement.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Command<T> {
+    /// Torques (tau1, tau2) to hold until the next tick, N m.
+    pub torque: [T; 2],
+    /// Tick of the table that this command belongs to.
+    pub tick: u32,
+    /// The plan's values at this tick.
+    pub reference: Reference<T>,
+    /// How each joint's torque was limited in this tick.
+    pub limiting: [Limiting; 2],
+    /// The latched fault, if any; the torques are then zero.
+    pub fault: Option<Fault>,
+}
+
+/// All that a controller needs beside its table, in the tick's number type: prepared on
+/// the host, so that a microcontroller without floating point can do without.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "")]
+pub struct Coefficients<T: Scalar> {
+    /// Fingerprint of the arm that they are for.
+    pub arm_fingerprint: u32,
+    /// Tick rate that they are for, Hz.
+    pub tick_rate_hz: u32,
+    /// Formats of the signals.
+    pub formats: Formats<T::Format>,
+    law: Law<T>,
+    guard: Guard<T>,
+}
+
+impl<T: Scalar> Coefficients<T> {
+    /// The coefficients for an arm at a tick rate, with signals of the given formats.
+    pub fn new(
+        arm: &ArmParameters,
+        law: &LawParameters,
+        limits: &LimitParameters,
+        tick_rate_hz: u32,
+        formats: &Formats<T::Format>,
+    ) -> Self {
+        Self {
+            arm_fingerprint: arm.fingerprint(),
+            tick_rate_hz,
+            formats: *formats,
+            law: Law::in_formats(law, arm, tick_rate_hz, formats),
+            guard: Guard::in_formats(limits, tick_rate_hz, formats.torque),
+        }
+    }
+
+    /// The law's coefficients.
+    pub fn law(&self) -> &Law<T> {
+        &self.law
+    }
+}
+
+/// Why coefficients and a table do not go together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mismatch {
+    /// The table is for another arm.
+    Table(TableError),
+    /// The coefficients are for another tick rate.
+    TickRate {
+        /// The coefficients', Hz.
+        expected: u32,
+        /// The table's, Hz.
+        found: u32,
+    },
+    /// A column of the table may exceed its signal's format.
+    Range {
+        /// The column's position.
+        column: usize,
+    },
+}
+
+impl From<TableError> for Mismatch {
+    fn from(error: TableError) -> Self {
+        Self::Table(error)
+    }
+}
+
+impl fmt::Display for Mismatch {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Table(error) => error.fmt(f),
+            Self::TickRate { expected, found } => write!(
+                f,
+                "coefficients are for {expected} Hz, the table for {found} Hz"
+            ),
+            Self::Range { column } => write!(
+                f,
+                "table column {column} may exceed its signal's fixed-point format"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for Mismatch {}
+
+/// The controller: coefficients, table cursor and state.
+#[derive(Clone, Debug)]
+pub struct Controller<'a, T: Scalar> {
+    law: Law<T>,
+    guard: Guard<T>,
+    table: Table<'a>,
+    cursor: Cursor<'a, T>,
+    state: LawState<T::Sum>,
+    previous: Option<[T; 2]>,
+    fault: Option<Fault>,
+    saturations: Saturations<T::Count>,
+}
+
+impl<'a, T: Scalar<Format = ()>> Controller<'a, T> {
+    /// A controller in floating point at the table's first tick. The tick rate is the
+    /// table's.
+    ///
+    /// # Errors
+    /// [`TableError::Fingerprint`] if the table was planned for another arm.
+    pub fn new(
+        table: &Table<'a>,
+        arm: &ArmParameters,
+        law: &LawParameters,
+        limits: &LimitParameters,
+    ) -> Result<Self, TableError> {
+        table.check_arm(arm.fingerprint())?;
+        let rate = table.header().tick_rate_hz;
+        let law = Law::new(law, arm, rate);
+        let guard = Guard::new(limits, rate);
+        Ok(Self::starting(law, guard, table, table.cursor()))
+    }
+}
+
+impl<'a, T: Scalar> Controller<'a, T> {
+    /// A controller in any number type at the table's first tick.
+    ///
+    /// # Errors
+    /// [`Mismatch`] if table and coefficients do not go together.
+    pub fn with(table: &Table<'a>, coefficients: &Coefficients<T>) -> Result<Self, Mismatch> {
+        table.check_arm(coefficients.arm_fingerprint)?;
+        let (expected, found) = (coefficients.tick_rate_hz, table.header().tick_rate_hz);
+        if expected != found {
+            return Err(Mismatch::TickRate { expected, found });
+        }
+        let cursor = table
+            .cursor_in(&coefficients.formats.reference())
+            .map_err(|column| Mismatch::Range { column })?;
+        Ok(Self::starting(
+            coefficients.law,
+            coefficients.guard,
+            table,
+            cursor,
+        ))
+    }
+
+    fn starting(law: Law<T>, guard: Guard<T>, table: &Table<'a>, cursor: Cursor<'a, T>) -> Self {
+        Self {
+            law,
+            guard,
+            table: *table,
+            cursor,
+            state: LawState::default(),
+            previous: None,
+            fault: None,
+            saturations: Saturations::default(),
+        }
+    }
+
+    /// Back to the table's first tick, with nothing remembered, no fault and no saturation.
+    pub fn restart(&mut self) {
+        self.cursor.restart(&self.table);
+        self.state = LawState::default();
+        self.previous = None;
+        self.fault = None;
+        self.saturations = Saturations::default();
+    }
+
+    /// Latches a fault that was found outside the controller, unless one is latched
+    /// already: torques are zero from the next tick on.
+    pub fn trip(&mut self, fault: Fault) {
+        self.fault = self.fault.or(Some(fault));
+    }
+
+    /// True when the table's last tick has been reached; further ticks hold it.
+    pub fn at_end(&self) -> bool {
+        self.cursor.at_end()
+    }
+
+    /// What the law remembers; for logs.
+    pub fn state(&self) -> &LawState<T::Sum> {
+        &self.state
+    }
+
+    /// How often each signal has saturated since the start.
+    pub fn saturations(&self) -> &Saturations<T::Count> {
+        &self.saturations
+    }
+
+    /// One control period: torques for what was measured.
+    // Always inlined, as `Cursor::reference` is and for the same reason.
+    #[inline(always)]
+    pub fn tick(&mut self, measured: &Measurement<T>) -> Command<T> {
+        let tick = self.cursor.tick();
+        let reference = self.cursor.reference();
+        if self.fault.is_none() && !measured.is_finite() {
+            self.fault = Some(Fault::MeasurementNotFinite);
+        }
+        let mut torque = [T::ZERO; 2];
+        let mut limiting = [Limiting::No; 2];
+        if self.fault.is_none() {
+            let proposal =
+                self.law
+                    .propose(&mut self.state, &reference, measured, &mut self.saturations);
+            if measured.drive == limiting && self.guard.permits(self.previous, proposal.torque) {
+                torque = proposal.torque;
+            } else {
+                match self.guard.limit(self.previous, proposal.torque) {
+                    Ok((given, limited)) => {
+                        torque = given;
+                        limiting = limited;
+                        let everything =
+                            [0, 1].map(|joint| limited[joint].or(measured.drive[joint]));
+                        self.law.settle(&mut self.state, &proposal, everything);
+                    }
+                    Err(fault) => self.fault = Some(fault),
+                }
+            }
+        }
+        self.previous = Some(torque);
+        self.cursor.advance();
+        Command {
+            torque,
+            tick,
+            reference,
+            limiting,
+            fault: self.fault,
+        }
+    }
+}

@@ -1,0 +1,595 @@
+//! The control law, eq. 18-20: feedforward torques plus direct feedback of contact
+//! force and root slope rate.
+//!
+//! ```text
+//! tau1 = tau1_d + s1 u
+//! tau2 = tau2_d + s2 u - K_w (w'0_rate [- planned w'0_rate])
+//! u    = K_DF de_f/dt + K_PF e_f + K_IF integral(e_f)        e_f = f_d - f
+//! ```
+//!
+//! `s1` and `s2` turn a force along the surface normal into joint torques. With the
+//! normal's direction `phi` the Jacobian's transpose gives
+//! `s2 = r2 sin(phi - theta20)` and `s1 = r1 sin(phi - theta10) + s2`; for the
+//! paper's horizontal surface, phi = pi/2, the sines are the cosines of eq. 20. The
+//! paper prints `s2 = r1 cos theta10`, which changes sign along its own path and
+//! makes the integrator unstable there.
+//!
+//! **Force filter.** Force error and its derivative pass one first-order low-pass
+//! with corner `omega`, discretised by backward Euler:
+//! `x_k = x_{k-1} + a (e_k - x_{k-1})`, `a = omega T / (1 + omega T)`. `K_PF` acts on
+//! `x_k` and `K_DF` on `(x_k - x_{k-1}) / T`, which is the filtered error's
+//! derivative; `K_IF` acts on `e_k` itself. Without a corner, `a = 1`.
+//!
+//! **Slope rate filter.** The slope rate passes a filter of the same kind before `K_w`.
+//! A root without hub inertia follows torque so fast that a sampled `K_w` large enough
+//! to damp the contact mode (some 5 Hz) makes the root itself unstable; a corner
+//! between the two keeps both. This filter starts from zero.
+//!
+//! **Anti-windup.** An increment of the integral is taken back when it pushed a joint
+//! farther into *any* limit behind the law: torque limit, torque-rate limit or a
+//! drive that reports that it limits. The law therefore runs in two steps,
+//! [`Law::propose`] and, when the limits have spoken, [`Law::settle`].
+//!
+//! Coefficients ([`Law`]) and state ([`LawState`]) are apart, so a state can be
+//! reset, copied or compared without touching the gains.
+
+use crate::model::ArmParameters;
+use crate::number::{Scalar, sine};
+use crate::signals::{Formats, Limiting, Measurement, Reference, Saturations};
+use serde::{Deserialize, Serialize};
+
+/// How a force along the surface normal becomes joint torques.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ForceProjection {
+    /// By the Jacobian's transpose, for any surface normal.
+    #[default]
+    JacobianTranspose,
+    /// With the printed s2 of eq. 20, `r1 sin(phi - theta10)`.
+    AsPrinted,
+}
+
+/// What the root slope rate feedback acts on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SlopeRateFeedback {
+    /// On the deviation from the planned rate.
+    #[default]
+    Deviation,
+    /// On the rate itself, as printed; that brakes the planned motion too.
+    AsPrinted,
+}
+
+/// Gains and options of the law, in f64 SI units: what `controller.toml` says.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LawParameters {
+    /// K_DF, gain on the force error's derivative, s.
+    pub force_derivative_s: f64,
+    /// K_PF, gain on the force error, dimensionless.
+    pub force_proportional: f64,
+    /// K_IF, gain on the force error's integral, 1/s.
+    pub force_integral_per_s: f64,
+    /// K_w, gain on the root slope rate, N m s/rad.
+    pub slope_rate_nms_rad: f64,
+    /// Corner of the force filter, Hz; `None` for no filter.
+    pub force_filter_hz: Option<f64>,
+    /// Corner of the slope rate filter, Hz; `None` for no filter.
+    pub slope_rate_filter_hz: Option<f64>,
+    /// How force becomes torque.
+    pub force_projection: ForceProjection,
+    /// What K_w acts on.
+    pub slope_rate_feedback: SlopeRateFeedback,
+    /// False leaves the feedforward torques out (the paper's figure 5).
+    pub feedforward: bool,
+}
+
+impl LawParameters {
+    /// Feedforward alone: all gains zero (the paper's figures 3 and 4).
+    pub const FEEDFORWARD: Self = Self {
+        force_derivative_s: 0.0,
+        force_proportional: 0.0,
+        force_integral_per_s: 0.0,
+        slope_rate_nms_rad: 0.0,
+        force_filter_hz: None,
+        slope_rate_filter_hz: None,
+        force_projection: ForceProjection::JacobianTranspose,
+        slope_rate_feedback: SlopeRateFeedback::Deviation,
+        feedforward: true,
+    };
+}
+
+/// The law's coefficients in the tick's number type.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "")]
+pub struct Law<T: Scalar> {
+    link1_length: T::Gain,
+    link2_length: T::Gain,
+    /// `None` without gains on the force error and its derivative.
+    direct: Option<Direct<T>>,
+    integral_per_tick: T::Weight,
+    slope_rate: T::Gain,
+    /// `None` without a filter.
+    slope_rate_filter: Option<T::Weight>,
+    /// `None` for the default.
+    variant: Option<Variant>,
+    /// What takes angles into sines, and products of lever and force into torques.
+    turn: T::Turn,
+    torque: [T::Shift; 2],
+}
+
+/// Options that differ from the default. Together, so that a tick asks once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct Variant {
+    projection: ForceProjection,
+    slope_rate_feedback: SlopeRateFeedback,
+    feedforward: bool,
+}
+
+impl Variant {
+    const DEFAULT: Self = Self {
+        projection: ForceProjection::JacobianTranspose,
+        slope_rate_feedback: SlopeRateFeedback::Deviation,
+        feedforward: true,
+    };
+
+    /// (s1, s2), and planned torques and slope rate, as these options have them. A function
+    /// of its own, or the compiler selects each value in every tick.
+    #[cold]
+    #[inline(never)]
+    fn applied<T: Scalar>(
+        &self,
+        lever1: T,
+        mut projection: [T; 2],
+        mut planned: ([T; 2], T),
+    ) -> ([T; 2], ([T; 2], T)) {
+        if self.projection == ForceProjection::AsPrinted {
+            projection[1] = lever1;
+        }
+        if !self.feedforward {
+            planned.0 = [T::ZERO; 2];
+        }
+        if self.slope_rate_feedback == SlopeRateFeedback::AsPrinted {
+            planned.1 = T::ZERO;
+        }
+        (projection, planned)
+    }
+}
+
+/// The law's part that acts on the force error and its derivative.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "")]
+struct Direct<T: Scalar> {
+    derivative_per_tick: T::Gain,
+    proportional: T::Gain,
+    /// `None` without a filter.
+    filter: Option<T::Weight>,
+}
+
+/// What the law remembers from tick to tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LawState<S> {
+    /// Filtered force error, N; `None` before the first tick, which must not
+    /// differentiate the step from nothing, and at all ticks without gains on it.
+    pub filtered_error: Option<S>,
+    /// K_IF times the force error's integral, N.
+    pub integral: S,
+    /// Filtered root slope rate that K_w acts on, rad/s; from zero on, so that a deviation
+    /// at the start does not make the torque jump.
+    pub filtered_slope_rate: S,
+}
+
+/// Torques that the law asks for, before any limit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Proposal<T: Scalar> {
+    /// (tau1, tau2), N m.
+    pub torque: [T; 2],
+    /// (s1, s2), m.
+    pub projection: [T; 2],
+    /// What this tick added to the integral, N.
+    pub increment: T::Sum,
+    /// The integral without it.
+    pub integral_before: T::Sum,
+}
+
+/// What a law's coefficients are after rounding, for checks on the host.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Coefficient {
+    /// The key of `controller.toml` or `arm.toml` that it comes from.
+    pub name: &'static str,
+    /// What it should be.
+    pub wanted: f64,
+    /// What it is.
+    pub is: f64,
+}
+
+/// The first-order filters' coefficient for a corner.
+fn filter_weight(corner_hz: f64, rate_hz: f64) -> f64 {
+    let angle = core::f64::consts::TAU * corner_hz / rate_hz;
+    angle / (1.0 + angle)
+}
+
+impl<T: Scalar<Format = ()>> Law<T> {
+    /// Coefficients for `arm` at `tick_rate_hz`, in floating point.
+    pub fn new(parameters: &LawParameters, arm: &ArmParameters, tick_rate_hz: u32) -> Self {
+        Self::in_formats(parameters, arm, tick_rate_hz, &Formats::default())
+    }
+}
+
+impl<T: Scalar> Law<T> {
+    /// Coefficients for `arm` at `tick_rate_hz` and signals of the given formats. Those
+    /// that a format cannot take saturate: see [`coefficients`](Self::coefficients).
+    pub fn in_formats(
+        parameters: &LawParameters,
+        arm: &ArmParameters,
+        tick_rate_hz: u32,
+        formats: &Formats<T::Format>,
+    ) -> Self {
+        let rate = f64::from(tick_rate_hz);
+        let filter =
+            |corner_hz: Option<f64>| corner_hz.map(|hz| T::weight(filter_weight(hz, rate)));
+        let force = |gain| T::gain(gain, formats.force, formats.force);
+        let lever = |length| T::gain(length, T::SINE, formats.lever);
+        let gains = [
+            parameters.force_derivative_s * rate,
+            parameters.force_proportional,
+        ];
+        let variant = Variant {
+            projection: parameters.force_projection,
+            slope_rate_feedback: parameters.slope_rate_feedback,
+            feedforward: parameters.feedforward,
+        };
+        Self {
+            link1_length: lever(arm.link1_length_m),
+            link2_length: lever(arm.link2_length_m),
+            direct: (gains != [0.0; 2]).then(|| Direct {
+                derivative_per_tick: force(gains[0]),
+                proportional: force(gains[1]),
+                filter: filter(parameters.force_filter_hz),
+            }),
+            integral_per_tick: T::weight(parameters.force_integral_per_s / rate),
+            slope_rate: T::gain(
+                parameters.slope_rate_nms_rad,
+                formats.slope_rate,
+                formats.torque[1],
+            ),
+            slope_rate_filter: filter(parameters.slope_rate_filter_hz),
+            variant: (variant != Variant::DEFAULT).then_some(variant),
+            turn: T::turn(formats.angle),
+            torque: formats
+                .torque
+                .map(|torque| T::shift(formats.lever, formats.force, torque)),
+        }
+    }
+
+    /// The coefficients after rounding, beside what they were made from.
+    pub fn coefficients(
+        &self,
+        parameters: &LawParameters,
+        arm: &ArmParameters,
+        tick_rate_hz: u32,
+        formats: &Formats<T::Format>,
+    ) -> [Coefficient; 8] {
+        let rate = f64::from(tick_rate_hz);
+        let force = |gain| T::gain_value(gain, formats.force, formats.force);
+        let lever = |gain| T::gain_value(gain, T::SINE, formats.lever);
+        let filter = |corner_hz: Option<f64>| corner_hz.map_or(0.0, |hz| filter_weight(hz, rate));
+        let filtered = |weight: Option<T::Weight>| weight.map_or(0.0, T::weight_value);
+        let direct =
+            |gain: fn(&Direct<T>) -> T::Gain| self.direct.as_ref().map_or(0.0, |d| force(gain(d)));
+        [
+            (
+                "link1.length_m",
+                arm.link1_length_m,
+                lever(self.link1_length),
+            ),
+            (
+                "link2.length_m",
+                arm.link2_length_m,
+                lever(self.link2_length),
+            ),
+            (
+                "K_DF_s",
+                parameters.force_derivative_s,
+                direct(|d| d.derivative_per_tick) / rate,
+            ),
+            (
+                "K_PF",
+                parameters.force_proportional,
+                direct(|d| d.proportional),
+            ),
+            (
+                "K_IF_per_s",
+                parameters.force_integral_per_s,
+                T::weight_value(self.integral_per_tick) * rate,
+            ),
+            (
+                "K_w_Nms_rad",
+                parameters.slope_rate_nms_rad,
+                T::gain_value(self.slope_rate, formats.slope_rate, formats.torque[1]),
+            ),
+            (
+                "force_filter_Hz",
+                self.direct
+                    .map_or(0.0, |_| filter(parameters.force_filter_hz)),
+                self.direct.map_or(0.0, |direct| filtered(direct.filter)),
+            ),
+            (
+                "slope_rate_filter_Hz",
+                filter(parameters.slope_rate_filter_hz),
+                filtered(self.slope_rate_filter),
+            ),
+        ]
+        .map(|(name, wanted, is)| Coefficient { name, wanted, is })
+    }
+
+    /// Torques for a measurement, and the integral's increment, already part of the
+    /// state and of the torques.
+    #[inline]
+    pub fn propose(
+        &self,
+        state: &mut LawState<T::Sum>,
+        reference: &Reference<T>,
+        measured: &Measurement<T>,
+        saturations: &mut Saturations<T::Count>,
+    ) -> Proposal<T> {
+        let error = reference
+            .force
+            .minus(measured.force, &mut saturations.force);
+        let increment = error.weighted(self.integral_per_tick);
+        let integral_before = state.integral;
+        state.integral = T::accumulated(integral_before, increment, &mut saturations.integral);
+        let mut correction = T::of_sum(state.integral);
+        if let Some(direct) = &self.direct {
+            let memory = state.filtered_error.get_or_insert(error.sum());
+            let (before, filtered) = low_pass(memory, direct.filter, error, &mut saturations.force);
+            let count = &mut saturations.correction;
+            correction = filtered
+                .minus(before, count)
+                .scaled(direct.derivative_per_tick, count)
+                .plus(filtered.scaled(direct.proportional, count), count)
+                .plus(correction, count);
+        }
+
+        let (normal, count) = (reference.normal_angle, &mut saturations.angle);
+        let [first, second] = measured.angle;
+        let lever1 = lever(self.link1_length, normal, first, self.turn, count);
+        let lever2 = lever(self.link2_length, normal, second, self.turn, count);
+        let mut projection = [lever1.plus_in_range(lever2), lever2];
+        let mut planned = (reference.torque, reference.root_slope_rate);
+        if let Some(variant) = &self.variant {
+            (projection, planned) = variant.applied(lever1, projection, planned);
+        }
+
+        let slope_rate = measured
+            .root_slope_rate
+            .minus(planned.1, &mut saturations.slope_rate);
+        let (_, slope_rate) = low_pass(
+            &mut state.filtered_slope_rate,
+            self.slope_rate_filter,
+            slope_rate,
+            &mut saturations.slope_rate,
+        );
+        let mut torque = [0, 1].map(|joint| {
+            let count = &mut saturations.torque[joint];
+            projection[joint]
+                .times(correction, self.torque[joint], count)
+                .plus(planned.0[joint], count)
+        });
+        let count = &mut saturations.torque[1];
+        torque[1] = torque[1].minus(slope_rate.scaled(self.slope_rate, count), count);
+        Proposal {
+            torque,
+            projection,
+            increment,
+            integral_before,
+        }
+    }
+
+    /// Tells the law which joints were limited in this tick. Takes the integral's
+    /// increment back when it pushed any of them farther into its limit.
+    #[inline]
+    pub fn settle(
+        &self,
+        state: &mut LawState<T::Sum>,
+        proposal: &Proposal<T>,
+        limiting: [Limiting; 2],
+    ) {
+        let nothing = T::Sum::default();
+        let (more, less) = (proposal.increment > nothing, proposal.increment < nothing);
+        let pushed = |joint: usize| {
+            let projection = proposal.projection[joint];
+            let (along, against) = (projection > T::ZERO, projection < T::ZERO);
+            match limiting[joint] {
+                Limiting::No => false,
+                Limiting::FromAbove => along && more || against && less,
+                Limiting::FromBelow => along && less || against && more,
+            }
+        };
+        if pushed(0) || pushed(1) {
+            state.integral = proposal.integral_before;
+        }
+    }
+}
+
+/// Lever of a force along the normal at a link's end, m. A function of values: a closure
+/// that the compiler does not inline keeps all of a reference alive, unused columns too.
+#[inline]
+fn lever<T: Scalar>(
+    length: T::Gain,
+    normal_angle: T,
+    angle: T,
+    turn: T::Turn,
+    count: &mut T::Count,
+) -> T {
+    sine::sin(normal_angle.minus(angle, count), turn).scaled(length, count)
+}
+
+/// Passes `input` through a filter: its output before and now. The memory is the output
+/// without rounding, so that no input is too small to move it. Without a filter it is the
+/// input.
+#[inline]
+fn low_pass<T: Scalar>(
+    memory: &mut T::Sum,
+    weight: Option<T::Weight>,
+    input: T,
+    count: &mut T::Count,
+) -> (T, T) {
+    let before = T::of_sum(*memory);
+    let now = match weight {
+        Some(weight) => {
+            let step = input.minus(before, count).weighted(weight);
+            *memory = T::accumulated(*memory, step, count);
+            T::of_sum(*memory)
+        }
+        None => {
+            *memory = input.sum();
+            input
+        }
+    };
+    (before, now)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::Elbow;
+    use core::f64::consts::FRAC_PI_2;
+
+    const ARM: ArmParameters = ArmParameters {
+        link1_length_m: 0.5,
+        link1_mass_kg: 8.0,
+        link2_length_m: 0.55,
+        link2_mass_kg: 0.24,
+        bending_stiffness_nm2: 0.48,
+        damping_ratio: 0.05,
+        root_inertia_kgm2: 0.0,
+        tip_mass_kg: 0.0,
+        tip_inertia_kgm2: 0.0,
+        gravity_m_s2: [0.0, 9.81],
+        elbow: Elbow::Down,
+    };
+    const GAINS: LawParameters = LawParameters {
+        force_derivative_s: 0.01,
+        force_proportional: 0.5,
+        force_integral_per_s: 4.0,
+        slope_rate_nms_rad: 0.1,
+        ..LawParameters::FEEDFORWARD
+    };
+
+    fn reference() -> Reference<f64> {
+        Reference {
+            torque: [-3.0, 0.3],
+            force: 2.0,
+            angle: [0.9, -0.7],
+            root_slope: 0.17,
+            root_slope_rate: 0.05,
+            normal_angle: FRAC_PI_2,
+        }
+    }
+
+    fn measured(force: f64) -> Measurement<f64> {
+        Measurement {
+            angle: [0.95, -0.72],
+            root_slope: 0.17,
+            root_slope_rate: 0.25,
+            force,
+            drive: [Limiting::No; 2],
+        }
+    }
+
+    /// What the law asks for when `force` is measured.
+    fn propose(law: &Law<f64>, state: &mut LawState<f64>, force: f64) -> Proposal<f64> {
+        law.propose(
+            state,
+            &reference(),
+            &measured(force),
+            &mut Saturations::default(),
+        )
+    }
+
+    #[test]
+    fn without_error_the_feedforward_passes_unchanged() {
+        let law = Law::new(&LawParameters::FEEDFORWARD, &ARM, 5000);
+        let proposal = propose(&law, &mut LawState::default(), -7.0);
+        assert_eq!(proposal.torque, [-3.0, 0.3]);
+    }
+
+    #[test]
+    fn each_term_is_that_of_equations_18_to_20() {
+        let law = Law::new(&GAINS, &ARM, 1000);
+        let mut state = LawState::default();
+        propose(&law, &mut state, 1.5); // e = 0.5
+        let p = propose(&law, &mut state, 1.4); // e = 0.6
+        let u = 0.01 * (0.1 / 1e-3) + 0.5 * 0.6 + 4.0 * (0.5 + 0.6) * 1e-3;
+        let (c1, c2) = (libm::cos(0.95), libm::cos(-0.72));
+        let (s1, s2) = (0.5 * c1 + 0.55 * c2, 0.55 * c2);
+        assert!((p.projection[0] - s1).abs() < 1e-8 && (p.projection[1] - s2).abs() < 1e-8);
+        assert!((p.torque[0] - (-3.0 + s1 * u)).abs() < 1e-7);
+        assert!((p.torque[1] - (0.3 + s2 * u - 0.1 * 0.2)).abs() < 1e-7);
+    }
+
+    #[test]
+    fn the_printed_variants_can_be_had() {
+        let printed = LawParameters {
+            force_projection: ForceProjection::AsPrinted,
+            slope_rate_feedback: SlopeRateFeedback::AsPrinted,
+            ..GAINS
+        };
+        let p = propose(
+            &Law::new(&printed, &ARM, 1000),
+            &mut LawState::default(),
+            1.5,
+        );
+        assert!((p.projection[1] - 0.5 * libm::cos(0.95)).abs() < 1e-8);
+        let u = 0.5 * 0.5 + 4.0 * 0.5e-3;
+        assert!((p.torque[1] - (0.3 + p.projection[1] * u - 0.1 * 0.25)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_first_tick_does_not_differentiate_a_step() {
+        let only_derivative = LawParameters {
+            force_proportional: 0.0,
+            force_integral_per_s: 0.0,
+            slope_rate_nms_rad: 0.0,
+            ..GAINS
+        };
+        let law = Law::new(&only_derivative, &ARM, 5000);
+        let p = propose(&law, &mut LawState::default(), -50.0);
+        assert_eq!(p.torque, [-3.0, 0.3]);
+    }
+
+    #[test]
+    fn the_filter_has_the_stated_corner() {
+        // A step of the error is followed as 1 - exp(-omega t), to the order of the step.
+        let corner = 10.0;
+        let filtered = LawParameters {
+            force_filter_hz: Some(corner),
+            ..GAINS
+        };
+        let law = Law::new(&filtered, &ARM, 100_000);
+        let mut state = LawState::default();
+        propose(&law, &mut state, 2.0);
+        let ticks = 1592; // one time constant, 1 / (2 pi 10 Hz) = 15.92 ms
+        for _ in 0..ticks {
+            propose(&law, &mut state, 1.0);
+        }
+        let expected = 1.0 - libm::exp(-core::f64::consts::TAU * corner * f64::from(ticks) * 1e-5);
+        assert!((state.filtered_error.unwrap() - expected).abs() < 1e-3);
+    }
+
+    #[test]
+    fn the_integral_stops_at_every_limit_but_may_leave_it() {
+        let law = Law::new(&GAINS, &ARM, 1000);
+        for joint in 0..2 {
+            let mut limiting = [Limiting::No; 2];
+            limiting[joint] = Limiting::FromAbove;
+            let mut state = LawState::default();
+            // e > 0 and s > 0: the increment pushes up, into the limit.
+            let p = propose(&law, &mut state, 0.0);
+            law.settle(&mut state, &p, limiting);
+            assert_eq!(state.integral, 0.0);
+            // e < 0 pushes down, away from it.
+            let p = propose(&law, &mut state, 5.0);
+            law.settle(&mut state, &p, limiting);
+            assert!(state.integral < 0.0);
+        }
+    }
+}

@@ -1,0 +1,155 @@
+//! Frames of messages on a byte stream.
+//!
+//! # Frame
+//!
+//! ```text
+//! COBS( version u8 | message | CRC-32 u32 little-endian ) 0x00
+//! ```
+//!
+//! COBS (consistent overhead byte stuffing) removes all zero bytes, so a zero ends a
+//! frame and only that; after garbage the next zero resynchronises. An empty frame (two
+//! zeros in a row) is ignored, and may be sent to end garbage. The CRC is ISO-HDLC, over
+//! version and message. A decoded frame has at most [`PAYLOAD_MAX`] bytes. Frames that are
+//! too long, not COBS, of another version, with a wrong CRC or without a known message are
+//! dropped and counted ([`FrameErrors`]); they are not answered.
+
+use crate::CRC32;
+use postcard::ser_flavors::{Cobs, Slice, crc::CrcModifier};
+use serde::{Deserialize, Serialize};
+
+/// Version of the protocol, first byte of every frame.
+pub const VERSION: u8 = 2;
+
+/// Most bytes of a frame before COBS: version, message, CRC. COBS adds one byte to
+/// that, and the end one more.
+pub const PAYLOAD_MAX: usize = 253;
+
+/// Most bytes of a frame on the line.
+pub const FRAME_MAX: usize = PAYLOAD_MAX + 2;
+
+/// Frames that were dropped.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FrameErrors {
+    /// Longer than [`FRAME_MAX`].
+    pub oversized: u32,
+    /// Not COBS.
+    pub stuffing: u32,
+    /// Of another protocol version.
+    pub version: u32,
+    /// Too short, or with a wrong CRC.
+    pub crc: u32,
+    /// No known message.
+    pub message: u32,
+}
+
+/// A message does not fit a frame. No message of this module does that.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameTooLong;
+
+impl core::fmt::Display for FrameTooLong {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "message is longer than {PAYLOAD_MAX} bytes")
+    }
+}
+
+impl core::error::Error for FrameTooLong {}
+
+/// Writes a message's frame, ending zero included, and returns its bytes.
+///
+/// # Errors
+/// [`FrameTooLong`].
+pub fn encode<'b, M: Serialize>(
+    message: &M,
+    buffer: &'b mut [u8; FRAME_MAX],
+) -> Result<&'b [u8], FrameTooLong> {
+    let stuffing = Cobs::try_new(Slice::new(buffer)).map_err(|_| FrameTooLong)?;
+    postcard::serialize_with_flavor(
+        &(VERSION, message),
+        CrcModifier::new(stuffing, CRC32.digest()),
+    )
+    .map(|bytes| &*bytes)
+    .map_err(|_| FrameTooLong)
+}
+
+/// Finds messages in a byte stream.
+#[derive(Clone, Debug)]
+pub struct Receiver {
+    buffer: [u8; FRAME_MAX],
+    length: usize,
+    errors: FrameErrors,
+}
+
+impl Default for Receiver {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Receiver {
+    /// A receiver at the beginning of a frame.
+    pub const fn new() -> Self {
+        Self {
+            buffer: [0; FRAME_MAX],
+            length: 0,
+            errors: FrameErrors {
+                oversized: 0,
+                stuffing: 0,
+                version: 0,
+                crc: 0,
+                message: 0,
+            },
+        }
+    }
+
+    /// Frames dropped so far.
+    pub fn errors(&self) -> FrameErrors {
+        self.errors
+    }
+
+    /// Takes a byte; returns a message when the byte ends a good frame.
+    pub fn push<'a, M: Deserialize<'a>>(&'a mut self, byte: u8) -> Option<M> {
+        if byte != 0 {
+            if let Some(place) = self.buffer.get_mut(self.length) {
+                *place = byte;
+            }
+            // One past the buffer remembers that the frame is too long.
+            self.length = (self.length + 1).min(FRAME_MAX + 1);
+            return None;
+        }
+        let length = core::mem::take(&mut self.length);
+        if length == 0 {
+            return None;
+        }
+        match Self::decode(self.buffer.get_mut(..length)) {
+            Ok(message) => Some(message),
+            Err(counter) => {
+                let count = counter(&mut self.errors);
+                *count = count.saturating_add(1);
+                None
+            }
+        }
+    }
+
+    /// The message of a whole frame, or which error to count.
+    fn decode<'a, M: Deserialize<'a>>(
+        frame: Option<&'a mut [u8]>,
+    ) -> Result<M, fn(&mut FrameErrors) -> &mut u32> {
+        let frame = frame.ok_or((|e| &mut e.oversized) as fn(&mut FrameErrors) -> &mut u32)?;
+        let length = cobs::decode_in_place(frame)
+            .map_err(|_| (|e| &mut e.stuffing) as fn(&mut FrameErrors) -> &mut u32)?;
+        let payload: &'a [u8] = frame.get(..length).unwrap_or_default();
+        let (body, crc) = payload
+            .split_last_chunk::<4>()
+            .ok_or((|e| &mut e.crc) as fn(&mut FrameErrors) -> &mut u32)?;
+        if CRC32.checksum(body) != u32::from_le_bytes(*crc) {
+            return Err(|e| &mut e.crc);
+        }
+        match body.split_first() {
+            Some((&VERSION, message)) => match postcard::take_from_bytes(message) {
+                Ok((message, [])) => Ok(message),
+                _ => Err(|e| &mut e.message),
+            },
+            _ => Err(|e| &mut e.version),
+        }
+    }
+}

@@ -1,0 +1,16 @@
+//! The numbers that everything computes with.
+//!
+//! | file | responsible for |
+//! |---|---|
+//! | `scalar` | [`Scalar`], what the control tick computes with |
+//! | `real` | [`Real`], what model, planning and simulation compute with |
+//! | [`fixed`] | the fixed-point scalar |
+//! | [`sine`] | the sine that the control tick may use (a polynomial, no libm) |
+
+pub mod fixed;
+mod real;
+mod scalar;
+pub mod sine;
+
+pub use real::Real;
+pub use scalar::{Constant, Scalar};

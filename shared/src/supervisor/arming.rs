@@ -1,0 +1,310 @@
+//! When the drives may be enabled, and when they must not stay so.
+//!
+//! The arm starts disarmed. [`may_arm`] decides on a request to arm; [`Watch`] looks at
+//! every tick of an armed arm and names the [`Fault`] that ends it. A fault is latched
+//! by the caller until the host acknowledges it. The declared fallback of every fault is
+//! the same: torques zero, drives off.
+
+use crate::control::LimitParameters;
+use crate::fault::Fault;
+use crate::link::{Interlocks, Refusal};
+use crate::signals::{Measurement, Reference};
+use crate::table::{Slot, SlotError};
+
+/// Limits of this module.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SafetyLimits {
+    /// Largest deviation of the arm from the table's first row when it is armed, of
+    /// theta10, theta20 and root slope, rad.
+    pub start_rad: [f32; 3],
+    /// Ticks without a request after which an armed arm stops.
+    pub link_timeout_ticks: u32,
+}
+
+/// Drives and sensors at one moment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Condition {
+    /// Emergency stop and drives.
+    pub interlocks: Interlocks,
+    /// Both conversions are new since the tick before.
+    pub fresh: bool,
+    /// Both converters are off their rails.
+    pub in_range: bool,
+}
+
+impl Condition {
+    /// The fault that keeps the drives off.
+    #[inline]
+    pub fn fault(&self) -> Option<Fault> {
+        if !self.interlocks.stop_released {
+            Some(Fault::EmergencyStop)
+        } else if !self.interlocks.drives_well {
+            Some(Fault::Drive)
+        } else if !self.fresh {
+            Some(Fault::SensorsStale)
+        } else if !self.in_range {
+            Some(Fault::SensorRange)
+        } else {
+            None
+        }
+    }
+}
+
+/// What decides whether an arm may be armed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Standing {
+    /// The latched fault.
+    pub latched: Option<Fault>,
+    /// Where the joints are is known.
+    pub homed: bool,
+    /// Drives and sensors now.
+    pub condition: Condition,
+    /// What the sensors say.
+    pub measured: Measurement<f32>,
+}
+
+/// The table to arm with, and its slot: the `wanted` slot's and no other, or without a wish
+/// slot A's, or slot B's where A has none that is usable. `open` opens a slot's table.
+///
+/// # Errors
+/// [`Refusal::Table`] for a wanted slot, [`Refusal::NoTable`] without a wish.
+pub fn table_to_arm<T>(
+    wanted: Option<Slot>,
+    mut open: impl FnMut(Slot) -> Result<T, SlotError>,
+) -> Result<(Slot, T), Refusal> {
+    if let Some(slot) = wanted {
+        let table = open(slot).map_err(Refusal::Table)?;
+        return Ok((slot, table));
+    }
+    match open(Slot::A) {
+        Ok(table) => Ok((Slot::A, table)),
+        Err(a) => match open(Slot::B) {
+            Ok(table) => Ok((Slot::B, table)),
+            Err(b) => Err(Refusal::NoTable(a, b)),
+        },
+    }
+}
+
+/// Whether an arm with a usable table may be armed.
+///
+/// # Errors
+/// The first [`Refusal`] that applies.
+pub fn may_arm(
+    limits: &SafetyLimits,
+    standing: &Standing,
+    first_row: &Reference<f32>,
+) -> Result<(), Refusal> {
+    let measured = &standing.measured;
+    if let Some(fault) = standing.latched {
+        return Err(Refusal::Latched(fault));
+    }
+    if let Some(fault) = standing.condition.fault() {
+        return Err(Refusal::Cause(fault));
+    }
+    if !standing.homed {
+        return Err(Refusal::NotHomed);
+    }
+    let deviation_rad = [
+        measured.angle[0] - first_row.angle[0],
+        measured.angle[1] - first_row.angle[1],
+        measured.root_slope - first_row.root_slope,
+    ];
+    let within = |(deviation, limit): (&f32, &f32)| deviation.abs() <= *limit;
+    if deviation_rad.iter().zip(&limits.start_rad).all(within) {
+        Ok(())
+    } else {
+        Err(Refusal::AwayFromStart { deviation_rad })
+    }
+}
+
+/// Whether a table whose torques are bounded by `planned_nm` keeps within the limits: the law
+/// would lose the path where they cut it off.
+///
+/// # Errors
+/// [`Refusal::TooMuchTorque`].
+pub fn may_plan(planned_nm: [f32; 2], limits: &LimitParameters) -> Result<(), Refusal> {
+    let within = |joint: usize| f64::from(planned_nm[joint]) <= limits.torque_nm[joint];
+    if within(0) && within(1) {
+        Ok(())
+    } else {
+        Err(Refusal::TooMuchTorque {
+            planned_nm,
+            limit_nm: limits.torque_nm.map(|limit| limit as f32),
+        })
+    }
+}
+
+/// Watches an armed arm from tick to tick.
+#[derive(Clone, Copy, Debug)]
+pub struct Watch {
+    link_timeout_ticks: u32,
+    silent_ticks: u32,
+}
+
+impl Watch {
+    /// A watch that begins now.
+    pub fn new(limits: &SafetyLimits) -> Self {
+        Self {
+            link_timeout_ticks: limits.link_timeout_ticks,
+            silent_ticks: 0,
+        }
+    }
+
+    /// The host has sent a request.
+    pub fn heard(&mut self) {
+        self.silent_ticks = 0;
+    }
+
+    /// The fault of this tick, if any. `late`: the last tick was not over when this one was
+    /// due.
+    #[inline]
+    pub fn tick(&mut self, condition: &Condition, late: bool) -> Option<Fault> {
+        self.silent_ticks = self.silent_ticks.saturating_add(1);
+        condition
+            .fault()
+            .or(late.then_some(Fault::TickOverrun))
+            .or((self.silent_ticks > self.link_timeout_ticks).then_some(Fault::LinkTimeout))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMITS: SafetyLimits = SafetyLimits {
+        start_rad: [0.01, 0.01, 0.02],
+        link_timeout_ticks: 3,
+    };
+    const GOOD: Condition = Condition {
+        interlocks: Interlocks {
+            stop_released: true,
+            drives_well: true,
+        },
+        fresh: true,
+        in_range: true,
+    };
+
+    /// Each condition that alone keeps the drives off, and its fault.
+    fn bad() -> [(Fault, Condition); 4] {
+        let mut bad = [
+            Fault::EmergencyStop,
+            Fault::Drive,
+            Fault::SensorsStale,
+            Fault::SensorRange,
+        ]
+        .map(|fault| (fault, GOOD));
+        bad[0].1.interlocks.stop_released = false;
+        bad[1].1.interlocks.drives_well = false;
+        bad[2].1.fresh = false;
+        bad[3].1.in_range = false;
+        bad
+    }
+
+    fn row() -> Reference<f32> {
+        Reference {
+            angle: [0.9, -0.7],
+            root_slope: 0.17,
+            ..Reference::default()
+        }
+    }
+
+    fn at_start() -> Standing {
+        Standing {
+            latched: None,
+            homed: true,
+            condition: GOOD,
+            measured: Measurement {
+                angle: [0.905, -0.705],
+                root_slope: 0.18,
+                ..Measurement::default()
+            },
+        }
+    }
+
+    #[test]
+    fn without_a_wish_slot_a_comes_first_and_a_wish_is_never_replaced() {
+        type Slots = [Result<u8, SlotError>; 2];
+        let choose = |wanted, slots: Slots| {
+            table_to_arm(wanted, |slot| match slot {
+                Slot::A => slots[0],
+                Slot::B => slots[1],
+            })
+        };
+        let both: Slots = [Ok(1), Ok(2)];
+        let only_b: Slots = [Err(SlotError::Crc), Ok(2)];
+        let only_a: Slots = [Ok(1), Err(SlotError::Magic)];
+        let none: Slots = [Err(SlotError::Crc), Err(SlotError::Magic)];
+        let (a, b) = (Some(Slot::A), Some(Slot::B));
+        assert_eq!(choose(None, both), Ok((Slot::A, 1)));
+        assert_eq!(choose(None, only_b), Ok((Slot::B, 2)));
+        assert_eq!(choose(None, only_a), Ok((Slot::A, 1)));
+        let neither = Refusal::NoTable(SlotError::Crc, SlotError::Magic);
+        assert_eq!(choose(None, none), Err(neither));
+        assert_eq!(choose(a, both), Ok((Slot::A, 1)));
+        assert_eq!(choose(b, both), Ok((Slot::B, 2)));
+        assert_eq!(choose(a, only_b), Err(Refusal::Table(SlotError::Crc)));
+        assert_eq!(choose(b, only_a), Err(Refusal::Table(SlotError::Magic)));
+    }
+
+    #[test]
+    fn an_arm_at_the_start_with_good_inputs_may_be_armed() {
+        assert_eq!(may_arm(&LIMITS, &at_start(), &row()), Ok(()));
+    }
+
+    #[test]
+    fn each_condition_refuses_by_itself() {
+        let refusal = |change: &dyn Fn(&mut Standing)| {
+            let mut standing = at_start();
+            change(&mut standing);
+            may_arm(&LIMITS, &standing, &row()).unwrap_err()
+        };
+        assert_eq!(
+            refusal(&|s| s.latched = Some(Fault::Drive)),
+            Refusal::Latched(Fault::Drive)
+        );
+        for (fault, condition) in bad() {
+            assert_eq!(refusal(&|s| s.condition = condition), Refusal::Cause(fault));
+        }
+        assert_eq!(refusal(&|s| s.homed = false), Refusal::NotHomed);
+        let away: [fn(&mut Measurement<f32>); 4] = [
+            |m| m.angle[0] += 0.01,
+            |m| m.angle[1] -= 0.01,
+            |m| m.root_slope += 0.02,
+            |m| m.root_slope = f32::NAN,
+        ];
+        for change in away {
+            let refusal = refusal(&|s| change(&mut s.measured));
+            assert!(matches!(refusal, Refusal::AwayFromStart { .. }));
+        }
+    }
+
+    #[test]
+    fn a_table_beyond_the_limits_is_refused() {
+        let limits = LimitParameters {
+            torque_nm: [20.0, 2.0],
+            torque_rate_nm_s: [1e3; 2],
+        };
+        assert_eq!(may_plan([20.0, 2.0], &limits), Ok(()));
+        for planned_nm in [[20.1, 1.0], [1.0, 2.1], [f32::NAN, 0.0]] {
+            let refusal = may_plan(planned_nm, &limits).unwrap_err();
+            assert!(matches!(refusal, Refusal::TooMuchTorque { .. }));
+        }
+    }
+
+    #[test]
+    fn an_armed_arm_stops_for_each_cause() {
+        let mut watch = Watch::new(&LIMITS);
+        assert_eq!(watch.tick(&GOOD, false), None);
+        for (fault, condition) in bad() {
+            watch.heard();
+            assert_eq!(watch.tick(&condition, false), Some(fault));
+        }
+        watch.heard();
+        assert_eq!(watch.tick(&GOOD, true), Some(Fault::TickOverrun));
+        assert_eq!(watch.tick(&GOOD, false), None);
+        assert_eq!(watch.tick(&GOOD, false), None);
+        assert_eq!(watch.tick(&GOOD, false), Some(Fault::LinkTimeout));
+        watch.heard();
+        assert_eq!(watch.tick(&GOOD, false), None);
+    }
+}

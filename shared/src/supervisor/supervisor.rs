@@ -1,0 +1,641 @@
+//! Disarmed, armed or lock-step: the control tick as the board's interrupt runs it.
+//!
+//! [`Control::tick`] samples, decides by [`Mode`], runs the one controller and commands.
+//! It runs in the highest-priority interrupt, for the timer and in lock-step alike, and
+//! does not block, allocate, log or loop. The main loop reaches [`Control`] through short
+//! locks: a controller is prepared outside and handed over by exchanging two references.
+
+use crate::control::Controller;
+use crate::fault::Fault;
+use crate::link::{Interlocks, Mode, RawSample, Refusal, SensorReport, TickReply};
+use crate::signals::{Limiting, Measurement};
+use crate::supervisor::arming::{Condition, SafetyLimits, Standing, Watch};
+use crate::supervisor::board::{Drives, Inputs, Sensors, Stopwatch, TickBoard, Timebase};
+use crate::supervisor::sensing::{Calibration, Sensing};
+
+/// A place for a controller. There are two, the tick's and the one in which the main loop
+/// prepares the next.
+pub type Prepared<'a> = Option<Controller<'a, f32>>;
+
+/// The controller's tick, less the parts of its command that nobody reads here. The table
+/// columns behind those then need not be evaluated. Not inlined, or the compiler makes a
+/// copy for each mode.
+#[inline(never)]
+fn run(controller: &mut Controller<'_, f32>, measured: &Measurement<f32>, result: &mut TickReply) {
+    let command = controller.tick(measured);
+    result.tick = command.tick;
+    result.torque = command.torque;
+    result.limiting = command.limiting;
+    result.fault = command.fault;
+}
+
+/// What the tick and the main loop share.
+#[derive(Debug)]
+pub struct Control<'a> {
+    mode: Mode,
+    controller: &'a mut Prepared<'a>,
+    limits: SafetyLimits,
+    sensing: Sensing,
+    watch: Watch,
+    fault: Option<Fault>,
+    /// Where the joints are is known.
+    homed: bool,
+    interlocks: Interlocks,
+    /// A measurement from the host, and its sequence number.
+    inbox: (u32, Measurement<f32>),
+    inbox_full: bool,
+    /// What the last tick gave.
+    outbox: TickReply,
+    ticks_total: u32,
+    counts_max: u32,
+    late: bool,
+    /// Ticks when the main loop last looked.
+    ticks_seen: u32,
+}
+
+impl<'a> Control<'a> {
+    /// Disarmed and not homed. `place` is where the controllers will be.
+    pub fn new<S: Sensors, D, T, W>(
+        board: &mut TickBoard<S, D, T, W>,
+        place: &'a mut Prepared<'a>,
+        limits: &SafetyLimits,
+        calibration: &Calibration,
+        tick_rate_hz: u32,
+    ) -> Self {
+        // Of before the first tick's conversions, so not fresh at any of them.
+        let first = RawSample {
+            fresh: false,
+            ..board.sensors.sample()
+        };
+        *place = None;
+        Self {
+            mode: Mode::Disarmed,
+            controller: place,
+            limits: *limits,
+            sensing: Sensing::new(calibration, tick_rate_hz, &first),
+            watch: Watch::new(limits),
+            fault: None,
+            homed: false,
+            interlocks: Interlocks {
+                stop_released: false,
+                drives_well: false,
+            },
+            inbox: (0, Measurement::default()),
+            inbox_full: false,
+            outbox: TickReply {
+                sequence: 0,
+                tick: 0,
+                torque: [0.0; 2],
+                limiting: [Limiting::No; 2],
+                fault: None,
+                counts: 0,
+            },
+            ticks_total: 0,
+            counts_max: 0,
+            late: false,
+            ticks_seen: 0,
+        }
+    }
+
+    /// One control tick.
+    #[inline]
+    pub fn tick<S, D, T, W>(&mut self, board: &mut TickBoard<S, D, T, W>)
+    where
+        S: Sensors,
+        D: Drives + Inputs,
+        T: Timebase,
+        W: Stopwatch,
+    {
+        let begun = board.stopwatch.counts();
+        let timer = board.timebase.acknowledge();
+        let raw = board.sensors.sample();
+        self.sensing.follow(&raw);
+        self.interlocks = board.drives.interlocks();
+        self.ticks_total = self.ticks_total.wrapping_add(1);
+        let mut torque = None;
+        match self.mode {
+            // The host gives the pace.
+            Mode::LockStep => {
+                if timer {
+                    board.timebase.run(false);
+                }
+                if core::mem::take(&mut self.inbox_full)
+                    && let Some(controller) = self.controller
+                {
+                    run(controller, &self.inbox.1, &mut self.outbox);
+                    self.outbox.sequence = self.inbox.0;
+                }
+            }
+            Mode::Armed | Mode::Disarmed => {
+                if !timer {
+                    board.timebase.run(true);
+                }
+                if self.mode == Mode::Armed
+                    && let Some(controller) = self.controller
+                {
+                    let condition = Condition {
+                        interlocks: self.interlocks,
+                        fresh: raw.fresh,
+                        in_range: self.sensing.in_range(),
+                    };
+                    if let Some(fault) = self.watch.tick(&condition, self.late) {
+                        controller.trip(fault);
+                    }
+                    run(controller, &self.sensing.measurement(), &mut self.outbox);
+                    if self.outbox.fault.is_some() {
+                        self.fault = self.outbox.fault;
+                        self.mode = Mode::Disarmed;
+                    } else {
+                        torque = Some(self.outbox.torque);
+                    }
+                }
+            }
+        }
+        match torque {
+            Some(torque) => board.drives.command(torque),
+            None => board.drives.off(),
+        }
+        self.late = board.timebase.due();
+        let counts = board.stopwatch.counts().wrapping_sub(begun);
+        self.counts_max = self.counts_max.max(counts);
+        self.outbox.counts = counts;
+    }
+
+    /// Enables the drives from the next tick on and runs the `prepared` controller, which
+    /// it takes in exchange for the one before. The caller has checked that it may.
+    pub fn arm(&mut self, prepared: &mut &'a mut Prepared<'a>) {
+        core::mem::swap(&mut self.controller, prepared);
+        self.watch = Watch::new(&self.limits);
+        self.late = false;
+        // Until the first tick a report must not show where the run before ended.
+        self.outbox.tick = 0;
+        self.mode = Mode::Armed;
+    }
+
+    /// Drives off from the next tick on; ends lock-step too.
+    pub fn disarm(&mut self) {
+        self.mode = Mode::Disarmed;
+    }
+
+    /// From the next tick on the host's measurements run the `prepared` controller. The
+    /// encoders may turn unseen between two of its ticks: the arm is no longer homed.
+    pub fn start_lock_step(&mut self, prepared: &mut &'a mut Prepared<'a>) {
+        core::mem::swap(&mut self.controller, prepared);
+        self.homed = false;
+        self.inbox_full = false;
+        self.outbox.tick = 0;
+        self.mode = Mode::LockStep;
+    }
+
+    /// Leaves a measurement for the next tick; false when not in lock-step.
+    pub fn put(&mut self, sequence: u32, measured: Measurement<f32>) -> bool {
+        let running = self.mode == Mode::LockStep;
+        if running {
+            self.inbox = (sequence, measured);
+            self.inbox_full = true;
+        }
+        running
+    }
+
+    /// What the last tick gave.
+    pub fn result(&self) -> TickReply {
+        self.outbox
+    }
+
+    /// True when the tick runs as it should: since the last call it has, or the host gives
+    /// the pace.
+    pub fn alive(&mut self) -> bool {
+        let before = core::mem::replace(&mut self.ticks_seen, self.ticks_total);
+        before != self.ticks_total || self.mode == Mode::LockStep
+    }
+
+    /// The host has been heard.
+    pub fn heard(&mut self) {
+        self.watch.heard();
+    }
+
+    /// The arm stands at its home pose.
+    ///
+    /// # Errors
+    /// [`Refusal::Busy`] unless disarmed.
+    pub fn home(&mut self) -> Result<(), Refusal> {
+        if self.mode != Mode::Disarmed {
+            return Err(Refusal::Busy);
+        }
+        self.sensing.home();
+        self.homed = true;
+        Ok(())
+    }
+
+    /// Forgets the latched fault. A cause that still stands refuses the next arming.
+    pub fn acknowledge(&mut self) {
+        self.fault = None;
+    }
+
+    /// What [`crate::supervisor::arming::may_arm`] wants to know.
+    pub fn standing(&self) -> Standing {
+        Standing {
+            latched: self.fault,
+            homed: self.homed,
+            condition: Condition {
+                interlocks: self.interlocks,
+                fresh: self.sensing.raw().fresh,
+                in_range: self.sensing.in_range(),
+            },
+            measured: self.sensing.measurement(),
+        }
+    }
+
+    /// What the last tick sampled. Before the first tick: the sample at start, and nothing
+    /// fresh, released or well.
+    pub fn sensors(&self) -> SensorReport {
+        SensorReport {
+            raw: self.sensing.raw(),
+            measured: self.sensing.measurement(),
+            interlocks: self.interlocks,
+            in_range: self.sensing.in_range(),
+            homed: self.homed,
+        }
+    }
+
+    /// Mode, tick of the table, latched fault, ticks since start, longest tick in
+    /// stopwatch counts.
+    pub fn report(&self) -> (Mode, u32, Option<Fault>, u32, u32) {
+        let tick = match self.mode {
+            Mode::Disarmed => 0,
+            Mode::Armed | Mode::LockStep => self.outbox.tick,
+        };
+        (
+            self.mode,
+            tick,
+            self.fault,
+            self.ticks_total,
+            self.counts_max,
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use crate::control::{LawParameters, LimitParameters};
+    use crate::link::RawSample;
+    use crate::model::{ArmParameters, Elbow};
+    use crate::signals::Reference;
+    use crate::table::{Header, Piece, Table, TableWriter, image_bytes};
+    use std::boxed::Box;
+
+    const RATE_HZ: u32 = 1000;
+    const TORQUE: [f64; 2] = [5.0, -0.5];
+    const LIMITS: SafetyLimits = SafetyLimits {
+        start_rad: [0.01; 3],
+        link_timeout_ticks: 20,
+    };
+    const CALIBRATION: Calibration = Calibration {
+        encoder_rad: [1e-3; 2],
+        home_rad: [0.5, -0.5],
+        force_n: (0.01, 2048.0),
+        slope_rad: (1e-3, 2048.0),
+        range: (16, 4079),
+    };
+
+    /// Everything that a board does, in memory.
+    #[derive(Debug, Default)]
+    struct Bench {
+        sample: RawSample,
+        interlocks: Option<Interlocks>,
+        torque: Option<[f32; 2]>,
+        running: bool,
+        timer: bool,
+        due: bool,
+        counts: core::cell::Cell<u32>,
+    }
+
+    impl Sensors for Bench {
+        fn sample(&mut self) -> RawSample {
+            self.sample
+        }
+    }
+    impl Drives for Bench {
+        fn command(&mut self, torque: [f32; 2]) {
+            self.torque = Some(torque);
+        }
+        fn off(&mut self) {
+            self.torque = None;
+        }
+    }
+    impl Inputs for Bench {
+        fn interlocks(&self) -> Interlocks {
+            self.interlocks.unwrap()
+        }
+    }
+    impl Timebase for Bench {
+        fn acknowledge(&mut self) -> bool {
+            self.timer
+        }
+        fn due(&self) -> bool {
+            self.due
+        }
+        fn run(&mut self, run: bool) {
+            self.running = run;
+        }
+    }
+    impl Stopwatch for Bench {
+        fn counts(&self) -> u32 {
+            self.counts.set(self.counts.get() + 7);
+            self.counts.get()
+        }
+    }
+
+    type Board = TickBoard<Bench, Bench, Bench, Bench>;
+
+    struct Rig {
+        board: Board,
+        control: Control<'static>,
+        prepared: &'static mut Prepared<'static>,
+    }
+
+    /// A controller that gives [`TORQUE`] at every tick.
+    fn controller() -> Controller<'static, f32> {
+        let arm = ArmParameters {
+            link1_length_m: 0.5,
+            link1_mass_kg: 8.0,
+            link2_length_m: 0.55,
+            link2_mass_kg: 0.24,
+            bending_stiffness_nm2: 0.48,
+            damping_ratio: 0.05,
+            root_inertia_kgm2: 0.0,
+            tip_mass_kg: 0.0,
+            tip_inertia_kgm2: 0.0,
+            gravity_m_s2: [0.0, 9.81],
+            elbow: Elbow::Down,
+        };
+        let header = Header {
+            arm_fingerprint: arm.fingerprint(),
+            tick_rate_hz: RATE_HZ,
+            ticks: 100,
+            first_tick: 0,
+            scaling: [20; 8],
+        };
+        let pieces = [Piece {
+            ticks: 100,
+            segments: 1,
+        }];
+        let image = Box::leak(std::vec![0; image_bytes(&pieces)].into_boxed_slice());
+        let mut writer = TableWriter::new(image, &header, &pieces).unwrap();
+        let row = Reference {
+            torque: TORQUE,
+            ..Reference::default()
+        };
+        for _ in 0..pieces[0].rows() {
+            writer.row(&row).unwrap();
+        }
+        writer.finish().unwrap();
+        let limits = LimitParameters {
+            torque_nm: [20.0, 2.0],
+            torque_rate_nm_s: [1e6; 2],
+        };
+        let table = Table::open(image).unwrap();
+        Controller::new(&table, &arm, &LawParameters::FEEDFORWARD, &limits).unwrap()
+    }
+
+    /// True for the table's torques, but for the spline's rounding.
+    fn planned(torque: [f32; 2]) -> bool {
+        (0..2).all(|i| (f64::from(torque[i]) - TORQUE[i]).abs() < 1e-5)
+    }
+
+    impl Rig {
+        fn new() -> Self {
+            let bench = || Bench {
+                sample: RawSample {
+                    force: 2048,
+                    strain: 2048,
+                    fresh: true,
+                    ..RawSample::default()
+                },
+                interlocks: Some(Interlocks {
+                    stop_released: true,
+                    drives_well: true,
+                }),
+                timer: true,
+                ..Bench::default()
+            };
+            let mut board = TickBoard {
+                sensors: bench(),
+                drives: bench(),
+                timebase: bench(),
+                stopwatch: bench(),
+            };
+            let place = Box::leak(Box::new(None));
+            let control = Control::new(&mut board, place, &LIMITS, &CALIBRATION, RATE_HZ);
+            Self {
+                board,
+                control,
+                prepared: Box::leak(Box::new(Some(controller()))),
+            }
+        }
+
+        fn armed() -> Self {
+            let mut rig = Self::new();
+            rig.tick();
+            rig.control.arm(&mut rig.prepared);
+            rig.tick();
+            rig
+        }
+
+        fn tick(&mut self) {
+            self.control.tick(&mut self.board);
+        }
+
+        fn torque(&self) -> Option<[f32; 2]> {
+            self.board.drives.torque
+        }
+    }
+
+    #[test]
+    fn it_starts_disarmed_with_drives_off() {
+        let mut rig = Rig::new();
+        rig.board.drives.torque = Some([1.0; 2]);
+        rig.tick();
+        assert_eq!(rig.torque(), None);
+        let (mode, tick, fault, ticks, counts) = rig.control.report();
+        assert_eq!((mode, tick, fault, ticks), (Mode::Disarmed, 0, None, 1));
+        assert_eq!(counts, 7);
+        let standing = rig.control.standing();
+        assert_eq!((standing.latched, standing.homed), (None, false));
+        assert_eq!(standing.condition.fault(), None);
+        assert!((standing.measured.angle[0] - 0.5).abs() < 1e-6);
+    }
+
+    #[test]
+    fn homed_is_what_was_said_and_lock_step_forgets_it() {
+        let mut rig = Rig::new();
+        rig.board.sensors.sample.encoder = [300, 0];
+        rig.tick();
+        assert!((rig.control.standing().measured.angle[0] - 0.8).abs() < 1e-6);
+        rig.control.home().unwrap();
+        assert!(rig.control.standing().homed && rig.control.sensors().homed);
+        assert!((rig.control.standing().measured.angle[0] - 0.5).abs() < 1e-6);
+        rig.control.arm(&mut rig.prepared);
+        assert_eq!(rig.control.home(), Err(Refusal::Busy));
+        rig.control.disarm();
+        assert!(rig.control.standing().homed);
+        rig.control.start_lock_step(&mut rig.prepared);
+        assert_eq!(rig.control.home(), Err(Refusal::Busy));
+        rig.control.disarm();
+        assert!(!rig.control.standing().homed);
+    }
+
+    #[test]
+    fn armed_it_commands_and_disarmed_it_stops() {
+        let mut rig = Rig::armed();
+        assert!(rig.torque().is_some_and(planned));
+        rig.tick();
+        assert_eq!(rig.control.report().1, 1);
+        rig.control.disarm();
+        rig.tick();
+        assert_eq!(rig.torque(), None);
+    }
+
+    #[test]
+    fn every_cause_stops_an_armed_arm_at_once_and_is_latched() {
+        type Cause = fn(&mut Rig);
+        let causes: [(Fault, Cause); 7] = [
+            (Fault::EmergencyStop, |rig| {
+                rig.board.drives.interlocks.as_mut().unwrap().stop_released = false;
+            }),
+            (Fault::Drive, |rig| {
+                rig.board.drives.interlocks.as_mut().unwrap().drives_well = false;
+            }),
+            (Fault::SensorsStale, |rig| {
+                rig.board.sensors.sample.fresh = false;
+            }),
+            (Fault::SensorRange, |rig| {
+                rig.board.sensors.sample.strain = 4095;
+            }),
+            (Fault::TickOverrun, |rig| {
+                // The tick that is late is found out at its end, so the next one stops.
+                rig.board.timebase.due = true;
+                rig.tick();
+                assert!(rig.torque().is_some());
+            }),
+            (Fault::LinkTimeout, |rig| {
+                for _ in 1..LIMITS.link_timeout_ticks {
+                    rig.tick();
+                    assert!(rig.torque().is_some());
+                }
+            }),
+            (Fault::MeasurementNotFinite, |rig| {
+                rig.control.sensing = Sensing::new(
+                    &Calibration {
+                        force_n: (f32::INFINITY, 0.0),
+                        ..CALIBRATION
+                    },
+                    RATE_HZ,
+                    &rig.board.sensors.sample,
+                );
+            }),
+        ];
+        for (fault, cause) in causes {
+            let mut rig = Rig::armed();
+            cause(&mut rig);
+            rig.tick();
+            assert_eq!(rig.torque(), None, "{fault}");
+            let (mode, _, latched, ..) = rig.control.report();
+            assert_eq!((mode, latched), (Mode::Disarmed, Some(fault)));
+            assert_eq!(rig.control.standing().latched, Some(fault));
+            rig.tick();
+            assert_eq!(rig.torque(), None);
+            rig.control.acknowledge();
+            assert_eq!(rig.control.standing().latched, None);
+        }
+    }
+
+    #[test]
+    fn sensors_and_interlocks_are_reported_in_every_mode() {
+        let mut rig = Rig::new();
+        let report = rig.control.sensors();
+        assert!(!report.raw.fresh && !report.interlocks.stop_released);
+        let modes: [fn(&mut Rig); 3] = [
+            |_| {},
+            |rig| rig.control.arm(&mut rig.prepared),
+            |rig| rig.control.start_lock_step(&mut rig.prepared),
+        ];
+        for (i, mode) in modes.into_iter().enumerate() {
+            mode(&mut rig);
+            let count = 2100 + i as u16;
+            rig.board.sensors.sample = RawSample {
+                encoder: [count, 1],
+                force: 2148,
+                strain: count,
+                fresh: i != 0,
+            };
+            rig.board.drives.interlocks = Some(Interlocks {
+                stop_released: true,
+                drives_well: i != 2,
+            });
+            rig.tick();
+            let report = rig.control.sensors();
+            assert_eq!(report.raw, rig.board.sensors.sample);
+            assert_eq!(Some(report.interlocks), rig.board.drives.interlocks);
+            assert!((report.measured.force - 1.0).abs() < 1e-6);
+            let slope = (f32::from(count) - 2048.0) * 1e-3;
+            assert!((report.measured.root_slope - slope).abs() < 1e-6);
+            assert_eq!(rig.control.standing().condition.fresh, i != 0);
+        }
+    }
+
+    #[test]
+    fn armed_again_it_reports_the_tables_first_tick_at_once() {
+        let mut rig = Rig::armed();
+        rig.tick();
+        rig.tick();
+        assert_eq!(rig.control.report().1, 2);
+        rig.control.disarm();
+        rig.tick();
+        *rig.prepared = Some(controller());
+        rig.control.arm(&mut rig.prepared);
+        assert_eq!(rig.control.report().1, 0);
+        rig.tick();
+        assert_eq!(rig.control.report().1, 0);
+    }
+
+    #[test]
+    fn requests_keep_an_armed_arm_going() {
+        let mut rig = Rig::armed();
+        for _ in 0..5 * LIMITS.link_timeout_ticks {
+            rig.control.heard();
+            rig.tick();
+        }
+        assert!(rig.torque().is_some());
+    }
+
+    #[test]
+    fn in_lock_step_the_host_gives_the_pace_and_the_drives_stay_off() {
+        let mut rig = Rig::new();
+        assert!(!rig.control.put(1, Measurement::default()));
+        rig.control.start_lock_step(&mut rig.prepared);
+        // The timer's last tick; it rests from then on.
+        rig.tick();
+        assert!(!rig.board.timebase.running);
+        rig.board.timebase.timer = false;
+        // Neither stop nor stale sensors matter to a tick that drives nothing.
+        rig.board.drives.interlocks.as_mut().unwrap().stop_released = false;
+        rig.board.sensors.sample.fresh = false;
+        for sequence in 7..10 {
+            assert!(rig.control.put(sequence, Measurement::default()));
+            rig.tick();
+            let reply = rig.control.result();
+            assert_eq!((reply.sequence, reply.tick), (sequence, sequence - 7));
+            assert!(planned(reply.torque) && reply.counts == 7);
+            assert_eq!(rig.torque(), None);
+            assert!(rig.control.alive());
+        }
+        rig.control.disarm();
+        rig.tick();
+        assert!(rig.board.timebase.running);
+        assert!(rig.control.alive());
+        assert!(!rig.control.alive(), "no tick since");
+    }
+}

@@ -1,0 +1,119 @@
+//! The two places in flash where a table may lie, and what is wrong with one.
+//!
+//! A slot is larger than its table; what follows the table is erased flash or the rest of
+//! an older one, and of no account.
+
+use crate::table::format::{Table, TableError};
+use serde::{Deserialize, Serialize};
+
+/// A place for a table in flash.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Slot {
+    /// The first, preferred.
+    A,
+    /// The second, used when the first is not valid.
+    B,
+}
+
+impl Slot {
+    /// Both, in the order of preference.
+    pub const ALL: [Self; 2] = [Self::A, Self::B];
+}
+
+/// Why a slot's table is not usable. Numbers (the variant's index) are stable.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum SlotError {
+    /// Shorter or longer than its header says, or than the slot.
+    Length,
+    /// Does not begin as a table; erased flash, for one.
+    Magic,
+    /// Another format version.
+    Version,
+    /// Checksum does not match.
+    Crc,
+    /// A header field is out of range.
+    Field,
+    /// Planned for another arm.
+    Fingerprint,
+    /// Planned for another tick rate than the timer's.
+    TickRate,
+}
+
+impl SlotError {
+    /// What is wrong, in words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Length => "has not the length that its header says",
+            Self::Magic => "holds no table",
+            Self::Version => "holds a table of another format version",
+            Self::Crc => "holds a table with a wrong checksum",
+            Self::Field => "holds a table with a header field out of range",
+            Self::Fingerprint => "holds a table for another arm",
+            Self::TickRate => "holds a table for another tick rate",
+        }
+    }
+}
+
+impl core::fmt::Display for SlotError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(self.words())
+    }
+}
+
+impl core::error::Error for SlotError {}
+
+impl From<TableError> for SlotError {
+    fn from(error: TableError) -> Self {
+        match error {
+            TableError::Length { .. } => Self::Length,
+            TableError::Magic { .. } => Self::Magic,
+            TableError::Version { .. } => Self::Version,
+            TableError::Crc { .. } => Self::Crc,
+            TableError::Field { .. } => Self::Field,
+            TableError::Fingerprint { .. } => Self::Fingerprint,
+        }
+    }
+}
+
+/// What identifies a table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TableIdentity {
+    /// CRC-32 in the table's header.
+    pub crc: u32,
+    /// Fingerprint of the arm that it was planned for.
+    pub arm_fingerprint: u32,
+    /// Control periods.
+    pub ticks: u32,
+}
+
+impl From<&Table<'_>> for TableIdentity {
+    fn from(table: &Table<'_>) -> Self {
+        Self {
+            crc: table.crc(),
+            arm_fingerprint: table.header().arm_fingerprint,
+            ticks: table.header().ticks,
+        }
+    }
+}
+
+/// Opens the table at the beginning of a slot's bytes, all checks made, for the arm with
+/// this fingerprint and for this tick rate. Nothing is copied.
+///
+/// # Errors
+/// The first [`SlotError`] that applies.
+pub fn open_slot(
+    region: &[u8],
+    arm_fingerprint: u32,
+    tick_rate_hz: u32,
+) -> Result<Table<'_>, SlotError> {
+    let length = Table::stated_bytes(region)?;
+    let image = region.get(..length).ok_or(SlotError::Length)?;
+    let table = Table::open_for(image, arm_fingerprint)?;
+    if table.header().tick_rate_hz == tick_rate_hz {
+        Ok(table)
+    } else {
+        Err(SlotError::TickRate)
+    }
+}

@@ -1,0 +1,624 @@
+//! `flexor board`, against a board that the test plays on a pseudo-terminal, and against the
+//! image in QEMU. `cargo xtask test` builds the image; `FLEXOR_ELF` says where it is.
+
+use flexor::fault::Fault;
+use flexor::link::RawSample;
+use flexor::link::{
+    ClockSource, FRAME_MAX, FrameErrors, Identity, Receiver, Reply, Request, StartReason, Status,
+    VERSION, encode,
+};
+use flexor::link::{Interlocks, Mode, Refusal, SensorReport};
+use flexor::signals::Measurement;
+use flexor::table::{Slot, SlotError, TableIdentity};
+use serde_json::Value;
+use serialport::{SerialPort, TTYPort};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+const TABLE: TableIdentity = TableIdentity {
+    crc: 0xfeed_0001,
+    arm_fingerprint: 0xa,
+    ticks: 50,
+};
+
+const IDENTITY: Identity = Identity {
+    version: [3, 14, 15],
+    git: [0x12, 0x34, 0xab, 0xcd],
+    modified: true,
+    arm_fingerprint: Some(0xa),
+    slots: [Ok(TABLE), Err(SlotError::Crc)],
+    tick_rate_hz: 5000,
+    core_hz: 168_000_000,
+    stopwatch_hz: 84_000_000,
+    counts_per_1000_nops: 500,
+    clock: ClockSource::Crystal,
+    start: StartReason::Watchdog,
+};
+
+/// A board in memory.
+struct Board {
+    mode: Mode,
+    tick: u32,
+    fault: Option<Fault>,
+    /// Ticks that pass from status to status.
+    pace: u32,
+}
+
+impl Board {
+    const NEW: Self = Self {
+        mode: Mode::Disarmed,
+        tick: 0,
+        fault: None,
+        pace: 10,
+    };
+
+    /// As the firmware answers.
+    fn answer(&mut self, request: &Request) -> Reply {
+        match request {
+            Request::Hello => Reply::Identity(IDENTITY),
+            Request::Status => {
+                if self.mode == Mode::Armed {
+                    self.tick = (self.tick + self.pace).min(TABLE.ticks);
+                }
+                Reply::Status(Status {
+                    mode: self.mode,
+                    tick: self.tick,
+                    fault: self.fault,
+                    ticks_total: 1234,
+                    counts_max: 84,
+                    stack_bytes: 2500,
+                    frame_errors: FrameErrors {
+                        crc: 3,
+                        ..FrameErrors::default()
+                    },
+                    bytes_lost: 0,
+                    logs_lost: 0,
+                })
+            }
+            Request::Arm { slot } => {
+                self.mode = Mode::Armed;
+                Reply::Armed {
+                    slot: slot.unwrap_or(Slot::A),
+                    table: TABLE,
+                }
+            }
+            Request::Disarm => {
+                self.mode = Mode::Disarmed;
+                Reply::Done
+            }
+            Request::Acknowledge => {
+                self.fault = None;
+                Reply::Done
+            }
+            Request::Home if self.mode == Mode::Disarmed => Reply::Done,
+            Request::Home => Reply::Refused(Refusal::Busy),
+            Request::Sensors => Reply::Sensors(SensorReport {
+                raw: RawSample {
+                    encoder: [65_535, 12],
+                    force: 2253,
+                    strain: 2048,
+                    fresh: true,
+                },
+                measured: Measurement {
+                    angle: [1.5, -0.25],
+                    root_slope: 0.0,
+                    root_slope_rate: -1.5,
+                    force: 2.0,
+                    ..Measurement::default()
+                },
+                interlocks: Interlocks {
+                    stop_released: true,
+                    drives_well: false,
+                },
+                in_range: true,
+                homed: false,
+            }),
+            other => panic!("flexor board asks {other:?}"),
+        }
+    }
+}
+
+/// A board on a pseudo-terminal, played by a thread.
+struct Fake {
+    port: String,
+    asked: Arc<Mutex<Vec<Request>>>,
+    over: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+    /// Keeps the terminal from hanging up between two commands.
+    _slave: TTYPort,
+}
+
+impl Fake {
+    /// A board that answers with bytes.
+    fn raw(mut answer: impl FnMut(&Request) -> Vec<u8> + Send + 'static) -> Self {
+        // Neither end is locked: the command opens the slave by its name.
+        let (mut line, slave) = TTYPort::pair().unwrap();
+        line.set_timeout(Duration::from_millis(20)).unwrap();
+        let asked = Arc::new(Mutex::new(Vec::new()));
+        let over = Arc::new(AtomicBool::new(false));
+        let (log, end) = (Arc::clone(&asked), Arc::clone(&over));
+        let thread = std::thread::spawn(move || {
+            let mut receiver = Receiver::new();
+            let mut bytes = [0; 64];
+            while !end.load(Ordering::Relaxed) {
+                let count = line.read(&mut bytes).unwrap_or(0);
+                for byte in &bytes[..count] {
+                    if let Some(request) = receiver.push(*byte) {
+                        log.lock().unwrap().push(request);
+                        line.write_all(&answer(&request)).unwrap();
+                    }
+                }
+            }
+        });
+        Self {
+            port: slave.name().unwrap(),
+            asked,
+            over,
+            thread: Some(thread),
+            _slave: slave,
+        }
+    }
+
+    /// A board that answers with a message, or not at all.
+    fn new(mut answer: impl FnMut(&Request) -> Option<Reply> + Send + 'static) -> Self {
+        Self::raw(move |request| answer(request).map_or(Vec::new(), |reply| frame(&reply)))
+    }
+
+    /// A board that does as asked.
+    fn good() -> Self {
+        let mut board = Board::NEW;
+        Self::new(move |request| Some(board.answer(request)))
+    }
+
+    fn start(&self, arguments: &[&str]) -> Child {
+        Command::new(env!("CARGO_BIN_EXE_flexor"))
+            .arg("board")
+            .args(arguments)
+            .args(["--port", &self.port, "--elf", "/nowhere/firmware"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap()
+    }
+
+    fn run(&self, arguments: &[&str]) -> Output {
+        // However busy the machine is, the thread answers within this.
+        let patient = [arguments, &["--timeout-s", "60"]].concat();
+        self.start(&patient).wait_with_output().unwrap()
+    }
+
+    fn json(&self, arguments: &[&str]) -> Value {
+        let output = self.run(&[arguments, &["--json"]].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        serde_json::from_slice(&output.stdout).unwrap()
+    }
+
+    /// All requests so far, in order, without those that every command begins with.
+    fn asked(&self) -> Vec<Request> {
+        self.asked.lock().unwrap()[2..].to_vec()
+    }
+
+    /// Waits until so many requests have come from the command, which must not end before.
+    fn until_asked(&self, count: usize, child: &mut Child) {
+        while self.asked.lock().unwrap().len() < count {
+            assert!(child.try_wait().unwrap().is_none(), "it ended");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+}
+
+impl Drop for Fake {
+    fn drop(&mut self) {
+        self.over.store(true, Ordering::Relaxed);
+        let joined = self.thread.take().unwrap().join();
+        assert!(joined.is_ok() || std::thread::panicking());
+    }
+}
+
+fn frame(reply: &Reply) -> Vec<u8> {
+    encode(reply, &mut [0; FRAME_MAX]).unwrap().to_vec()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Checks exit code and standard error, which must have all the words.
+fn failed(output: &Output, words: &[&str]) {
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(!message.contains("panicked"), "{message}");
+    for word in words {
+        assert!(message.contains(word), "no {word:?} in {message}");
+    }
+}
+
+fn interrupt(child: &Child) {
+    let pid = child.id().to_string();
+    let kill = Command::new("kill").args(["-INT", &pid]).status().unwrap();
+    assert!(kill.success());
+}
+
+#[test]
+fn identity_status_and_sensors_are_told_in_words_and_json() {
+    let board = Fake::good();
+    let output = board.run(&["identity"]);
+    let words = text(&output.stdout);
+    assert!(output.status.success());
+    for word in [
+        "3.14.15, commit 1234abcd+",
+        "168 MHz, crystal and PLL",
+        "the watchdog was not fed",
+        "table 0xfeed0001, 50 ticks, 0.010 s",
+        "wrong checksum",
+    ] {
+        assert!(words.contains(word), "no {word:?} in {words}");
+    }
+    // Without the image's symbols there is no log, and nothing else is missing.
+    assert!(text(&output.stderr).starts_with("no log: /nowhere/firmware"));
+    let identity = board.json(&["identity"]);
+    assert_eq!(identity["firmware_version"], "3.14.15");
+    assert_eq!(identity["slot_a"]["ticks"], 50);
+    assert!(identity["slot_b"]["error"].is_string());
+
+    let words = text(&board.run(&["status"]).stdout);
+    for word in ["disarmed", "168 cycles", "2500 bytes", "3 with a wrong CRC"] {
+        assert!(words.contains(word), "no {word:?} in {words}");
+    }
+    let status = board.json(&["status"]);
+    assert_eq!(status["mode"], "disarmed");
+    assert!(status["fault"].is_null());
+    assert_eq!(status["tick_max_cycles"], 168);
+
+    let words = text(&board.run(&["sensors"]).stdout);
+    for word in [
+        "65535 counts",
+        "1.5000 rad",
+        "2.000 N",
+        "released",
+        "not well",
+    ] {
+        assert!(words.contains(word), "no {word:?} in {words}");
+    }
+    let sensors = board.json(&["sensors"]);
+    assert_eq!(sensors["theta20_rad"], -0.25);
+    assert_eq!(sensors["stop_released"], true);
+    assert_eq!(sensors["drives_well"], false);
+}
+
+#[test]
+fn the_sensors_are_followed_in_lines_until_the_signal() {
+    let board = Fake::good();
+    for (json, head) in [(false, 2), (true, 0)] {
+        let options = ["sensors", "--follow", "--json"];
+        let mut child = board.start(&options[..if json { 3 } else { 2 }]);
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        let lines: Vec<String> = lines.by_ref().take(head + 3).map(Result::unwrap).collect();
+        interrupt(&child);
+        assert_eq!(child.wait().unwrap().code(), Some(0));
+        for line in &lines[head..] {
+            if json {
+                let record: Value = serde_json::from_str(line).unwrap();
+                assert_eq!(record["force_N"], 2.0);
+            } else {
+                assert!(line.starts_with("65535    12  2253 2048"), "{line}");
+                assert!(line.ends_with("free FAULTY yes"), "{line}");
+            }
+        }
+    }
+}
+
+#[test]
+fn an_armed_table_is_attended_to_its_end_and_disarmed() {
+    for (arguments, slot) in [
+        (&["arm"][..], None),
+        (&["arm", "--slot", "a"], Some(Slot::A)),
+        (&["arm", "--slot", "b"], Some(Slot::B)),
+    ] {
+        let board = Fake::good();
+        let output = board.run(arguments);
+        let words = text(&output.stdout);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let named = format!(
+            "armed, slot {:?}: table 0xfeed0001",
+            slot.unwrap_or(Slot::A)
+        );
+        assert!(words.starts_with(&named), "{words}");
+        assert!(words.ends_with("completed, disarmed\n"), "{words}");
+        // In a pipe there is no progress bar.
+        assert_eq!(text(&output.stderr).lines().count(), 1);
+        let mut expected = vec![Request::Arm { slot }];
+        expected.extend([Request::Status; 5]);
+        expected.push(Request::Disarm);
+        assert_eq!(board.asked(), expected);
+    }
+    let end = Fake::good().json(&["arm"]);
+    assert_eq!(
+        (&end["outcome"], &end["slot"]),
+        (&"completed".into(), &"A".into())
+    );
+    assert_eq!((&end["tick"], &end["ticks"]), (&50.into(), &50.into()));
+}
+
+#[test]
+fn a_fault_on_the_way_is_named_and_a_failure() {
+    let fault = || {
+        let mut board = Board::NEW;
+        Fake::new(move |request| {
+            if board.tick == 20 {
+                board.mode = Mode::Disarmed;
+                board.fault = Some(Fault::SensorsStale);
+                board.tick = 0;
+            }
+            Some(board.answer(request))
+        })
+    };
+    let board = fault();
+    let words = [
+        "fault 18 (sensors_stale) after tick 20 of 50",
+        "board acknowledge",
+    ];
+    failed(&board.run(&["arm"]), &words);
+    assert_eq!(board.asked().last(), Some(&Request::Disarm));
+    let output = fault().run(&["arm", "--json"]);
+    failed(&output, &words);
+    let end: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(end["outcome"], "fault");
+    assert_eq!(end["fault"], "sensors_stale");
+    assert_eq!(end["fault_number"], 18);
+}
+
+#[test]
+fn a_refusal_is_told_and_nothing_is_to_be_disarmed() {
+    let mut board = Board::NEW;
+    let refusal = Refusal::AwayFromStart {
+        deviation_rad: [0.5, -0.25, 0.0],
+    };
+    let board = Fake::new(move |request| match request {
+        Request::Arm { .. } => Some(Reply::Refused(refusal)),
+        other => Some(board.answer(other)),
+    });
+    let output = board.run(&["arm"]);
+    failed(&output, &["refused", "[0.5, -0.25, 0.0] rad", "first row"]);
+    assert!(output.stdout.is_empty());
+    let arm = Request::Arm { slot: None };
+    assert_eq!(board.asked(), [arm, Request::Status]);
+}
+
+#[test]
+fn a_signal_disarms() {
+    let mut board = Board {
+        pace: 0,
+        ..Board::NEW
+    };
+    let board = Fake::new(move |request| Some(board.answer(request)));
+    let mut child = board.start(&["arm"]);
+    board.until_asked(10, &mut child);
+    interrupt(&child);
+    failed(
+        &child.wait_with_output().unwrap(),
+        &["interrupted and disarmed after tick 0 of 50"],
+    );
+    assert_eq!(board.asked().last(), Some(&Request::Disarm));
+}
+
+#[test]
+fn a_board_that_starts_again_or_is_disarmed_by_another_ends_the_run() {
+    let run = |instead: fn(&mut Board) -> Reply| {
+        let mut board = Board::NEW;
+        Fake::new(move |request| match request {
+            Request::Status if board.tick == 20 => Some(instead(&mut board)),
+            other => Some(board.answer(other)),
+        })
+    };
+    let again = run(|_| Reply::Identity(IDENTITY));
+    failed(
+        &again.run(&["arm"]),
+        &["started again", "the watchdog was not fed", "disarmed"],
+    );
+    assert_eq!(again.asked().last(), Some(&Request::Disarm));
+    let other = run(|board| {
+        board.mode = Mode::Disarmed;
+        board.answer(&Request::Status)
+    });
+    failed(
+        &other.run(&["arm"]),
+        &["somebody else disarmed it after tick 20"],
+    );
+}
+
+#[test]
+fn a_board_that_falls_silent_is_disarmed_if_it_still_hears() {
+    // Arms, and answers nothing but what disarms from then on.
+    let mut board = Board::NEW;
+    let deaf = Fake::new(move |request| match request {
+        Request::Status if board.mode == Mode::Armed => None,
+        other => Some(board.answer(other)),
+    });
+    let output = deaf.start(&["arm", "--timeout-s", "0.3"]);
+    let output = output.wait_with_output().unwrap();
+    failed(
+        &output,
+        &["no answer at 1000000 baud within 0.3 s", "disarmed"],
+    );
+    assert_eq!(deaf.asked().last(), Some(&Request::Disarm));
+
+    // Nor that.
+    let mut board = Board::NEW;
+    let dead = Fake::new(move |request| match board.mode {
+        Mode::Armed => None,
+        _ => Some(board.answer(request)),
+    });
+    let output = dead.start(&["arm", "--timeout-s", "0.3"]);
+    let output = output.wait_with_output().unwrap();
+    failed(
+        &output,
+        &["did not confirm", "100 ms after the last request"],
+    );
+    assert_eq!(dead.asked().last(), Some(&Request::Disarm));
+}
+
+#[test]
+fn an_answer_to_arm_that_gets_lost_is_followed_by_disarming() {
+    let mut board = Board::NEW;
+    let board = Fake::new(move |request| {
+        let reply = board.answer(request);
+        (!matches!(request, Request::Arm { .. })).then_some(reply)
+    });
+    let output = board.start(&["arm", "--timeout-s", "0.3"]);
+    failed(&output.wait_with_output().unwrap(), &["no answer"]);
+    let asked = board.asked();
+    assert_eq!(asked, [Request::Arm { slot: None }, Request::Disarm]);
+}
+
+#[test]
+fn silence_and_other_speech_are_told_apart() {
+    let silent = Fake::new(|_| None);
+    let output = silent.start(&["identity"]).wait_with_output().unwrap();
+    failed(
+        &output,
+        &[
+            &silent.port,
+            "no answer at 1000000 baud within 1.0 s",
+            "powered",
+        ],
+    );
+    assert!(!text(&output.stderr).contains("came"));
+
+    let noise = Fake::raw(|_| vec![9, 1, 0, 7]);
+    let output = noise.start(&["status"]).wait_with_output().unwrap();
+    failed(&output, &["no answer", "4 bytes came, 1 unreadable"]);
+
+    // "Done" of the protocol's version 1, by hand: COBS leaves bytes without zeros as they
+    // are, behind their number and one.
+    let mut old = vec![VERSION - 1, 2];
+    let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+    old.extend(crc.checksum(&old).to_le_bytes());
+    assert!(!old.contains(&0));
+    old.insert(0, old.len() as u8 + 1);
+    old.push(0);
+    let old = Fake::raw(move |_| old.clone());
+    let output = old.start(&["status"]).wait_with_output().unwrap();
+    failed(&output, &["no answer", "another protocol version than 2"]);
+}
+
+#[test]
+fn home_disarm_and_acknowledge_say_how_it_then_is() {
+    let mut board = Board {
+        mode: Mode::Armed,
+        fault: Some(Fault::Drive),
+        ..Board::NEW
+    };
+    let board = Fake::new(move |request| Some(board.answer(request)));
+    failed(&board.run(&["home"]), &["refused", "disarm"]);
+    let state = board.json(&["disarm"]);
+    assert_eq!(
+        (&state["mode"], &state["fault"]),
+        (&"disarmed".into(), &"drive_fault".into())
+    );
+    assert_eq!(state["fault_number"], 17);
+    assert_eq!(board.json(&["home"])["mode"], "disarmed");
+    assert!(board.asked().contains(&Request::Home));
+    let words = text(&board.run(&["acknowledge"]).stdout);
+    assert!(
+        words.contains("disarmed") && words.contains("none"),
+        "{words}"
+    );
+}
+
+#[test]
+fn a_wrong_command_line_is_code_2() {
+    let run = |arguments: &[&str]| {
+        Command::new(env!("CARGO_BIN_EXE_flexor"))
+            .arg("board")
+            .args(arguments)
+            .output()
+            .unwrap()
+    };
+    for arguments in [
+        &[][..],
+        &["fly"],
+        &["arm", "--slot", "c"],
+        &["status", "--timeout-s", "0"],
+        &["identity", "--port", "/nowhere/tty"],
+        &["identity", "--elf", "/nowhere/firmware"],
+    ] {
+        let output = run(arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        assert!(!output.stderr.is_empty());
+    }
+    for verb in [
+        "identity",
+        "status",
+        "sensors",
+        "arm",
+        "home",
+        "disarm",
+        "acknowledge",
+    ] {
+        let output = run(&[verb, "--help"]);
+        let words = text(&output.stdout);
+        assert!(output.status.success() && words.contains("Example: flexor board"));
+        assert!(words.contains("--port <PORT>"), "{words}");
+    }
+}
+
+/// The image in QEMU: exit code, standard output, standard error.
+fn emulated(arguments: &[&str]) -> (i32, String, String) {
+    let elf =
+        std::env::var_os("FLEXOR_ELF").expect("FLEXOR_ELF is not set: run `cargo xtask test`");
+    let output = Command::new(env!("CARGO_BIN_EXE_flexor"))
+        .arg("board")
+        .args(arguments)
+        .args([Path::new("--elf"), Path::new(&elf)])
+        .output()
+        .unwrap();
+    let code = output.status.code().unwrap();
+    (code, text(&output.stdout), text(&output.stderr))
+}
+
+#[test]
+#[ignore = "needs the image: cargo xtask test"]
+fn the_image_in_qemu_answers_every_verb() {
+    let (code, words, log) = emulated(&["identity"]);
+    assert_eq!(code, 0, "{log}");
+    let version = concat!(env!("CARGO_PKG_VERSION"), ", commit ");
+    assert!(
+        words.contains(version) && words.contains("10000 ticks"),
+        "{words}"
+    );
+    assert!(words.contains("slot B        holds no table"), "{words}");
+    assert!(log.contains("firmware: info start: Normal"), "{log}");
+    for (arguments, key, value) in [
+        (&["status", "--json"][..], "mode", Value::from("disarmed")),
+        (&["sensors", "--json"], "fresh", false.into()),
+        (&["sensors", "--json"], "strain_counts", 0.into()),
+        (&["sensors", "--json"], "stop_released", false.into()),
+        (&["sensors", "--json"], "homed", false.into()),
+        (&["home", "--json"], "mode", "disarmed".into()),
+        (&["disarm", "--json"], "mode", "disarmed".into()),
+        (&["acknowledge", "--json"], "fault", Value::Null),
+    ] {
+        let (code, words, log) = emulated(arguments);
+        assert_eq!(code, 0, "{log}");
+        let found: Value = serde_json::from_str(&words).unwrap();
+        assert_eq!(found[key], value, "{words}");
+    }
+    for (arguments, reason) in [
+        (
+            &["arm"][..],
+            "the cause of fault 16 (emergency_stop) is there",
+        ),
+        (&["arm", "--slot", "a"], "fault 16 (emergency_stop)"),
+        (&["arm", "--slot", "b"], "the slot holds no table"),
+    ] {
+        let (code, words, log) = emulated(arguments);
+        assert_eq!((code, &*words), (1, ""));
+        assert!(log.contains(reason), "{log}");
+    }
+}

@@ -1,0 +1,763 @@
+//! The command line as a user meets it: results, errors and exit codes.
+
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const ARM: &str = include_str!("../examples/arm.toml");
+const TASK: &str = include_str!("../examples/task.toml");
+const CONTROLLER: &str = include_str!("../examples/controller.toml");
+
+/// A folder of its own for a test, empty at its start.
+fn folder(test: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(test);
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+fn flexor(arguments: &[&str]) -> Output {
+    let program = Path::new(env!("CARGO_BIN_EXE_flexor"));
+    Command::new(program).args(arguments).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn json(output: &Output) -> Value {
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// Runs `arguments`, which must fail with `code` and one line that has all of `words`.
+fn refused(arguments: &[&str], code: i32, words: &[&str]) {
+    let output = flexor(arguments);
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
+    assert_eq!(message.trim_end().lines().count(), 1, "{message}");
+    assert!(!message.contains("panicked"), "{message}");
+    for word in words {
+        assert!(
+            message.contains(word),
+            "{arguments:?}: no {word:?} in {message}"
+        );
+    }
+}
+
+#[test]
+fn the_demo_reports_ten_cases_within_their_bars() {
+    let out = folder("demo");
+    let out = out.to_str().unwrap();
+    let result = json(&flexor(&["demo", "--json", "--out", out]));
+    let cases = result["cases"].as_array().unwrap();
+    assert_eq!(cases.len(), 10);
+    let rms = |case: &str, plant: &str| {
+        let found = cases
+            .iter()
+            .find(|c| c["case"] == case && c["plant"] == plant);
+        found.unwrap()["force_error_rms_N"].as_f64().unwrap()
+    };
+    for case in ["feedforward_with_initial_velocity", "feedforward"] {
+        assert!(rms(case, "nominal") <= 5e-5);
+    }
+    assert!(rms("proposed", "stiffness_x0.9") <= 0.45 * rms("feedforward", "stiffness_x0.9"));
+    assert!(rms("fast_from_rest", "nominal") <= 0.002);
+    for case in cases {
+        let fails = case["outcome"] != "completed";
+        assert_eq!(fails, case["case"] == "feedback", "{case}");
+    }
+    for file in [
+        "report.html",
+        "plan.csv",
+        "summary.json",
+        "stick_figure.svg",
+        "contact_force_cases.svg",
+        "proposed_stiffness_x0.9.svg",
+        "proposed_stiffness_x0.9/run.csv",
+        "proposed_stiffness_x0.9/summary.json",
+    ] {
+        let size = std::fs::metadata(Path::new(out).join(file)).unwrap().len();
+        assert!(size > 500, "{file} has {size} bytes");
+    }
+}
+
+#[test]
+fn a_plan_comes_as_csv_table_and_json() {
+    let out = folder("plan");
+    let result = json(&flexor(&["plan", "--json", "--out", out.to_str().unwrap()]));
+    assert!(result["table_bytes"].as_u64().unwrap() <= 16 * 1024);
+    assert!(result["table_torque_error_max_Nm"].as_f64().unwrap() <= 1e-4);
+    assert!(result["error_estimate"].as_f64().unwrap() <= 1e-6);
+    assert!(result["plan_ms"].as_f64().unwrap() > 0.0);
+    let csv = std::fs::read_to_string(out.join("plan.csv")).unwrap();
+    let mut lines = csv.lines();
+    let header = lines.next().unwrap();
+    let columns =
+        "t_s,theta10_rad,theta20_rad,w0,w1,w2,w3,w4,w5,root_slope_rate_rad_s,tau1_Nm,tau2_Nm";
+    assert!(header.starts_with(columns), "{header}");
+    assert_eq!(lines.clone().count(), 10_001);
+    assert!(lines.clone().next().unwrap().starts_with("0,0.96444"));
+    assert!(lines.next_back().unwrap().starts_with("2,"));
+    let image = std::fs::read(out.join("table.bin")).unwrap();
+    assert_eq!(image.len() as u64, result["table_bytes"].as_u64().unwrap());
+}
+
+#[test]
+fn a_run_takes_a_table_file_and_refuses_a_bad_one() {
+    let out = folder("table");
+    let path = |name: &str| out.join(name).to_str().unwrap().to_string();
+    let run = |table: &str| {
+        let out = path("run");
+        flexor(&[
+            "run",
+            "--json",
+            "--plant-elements",
+            "3",
+            "--table",
+            table,
+            "--out",
+            &out,
+        ])
+    };
+    json(&flexor(&["plan", "--json", "--out", &path("")]));
+    let result = json(&run(&path("table.bin")));
+    assert_eq!(result["outcome"], "completed");
+    let csv = std::fs::read_to_string(path("run/run.csv")).unwrap();
+    assert!(csv.starts_with(
+        "t_s,f_normal_N,f_normal_ref_N,x1_m,x2_m,x1_ref_m,x2_ref_m,theta10_rad,theta20_rad,root_slope_rad,root_slope_rate_rad_s,tau1_Nm,tau2_Nm"
+    ));
+
+    let image = std::fs::read(path("table.bin")).unwrap();
+    let refused_table = |name: &str, bytes: &[u8], word: &str| {
+        std::fs::write(path(name), bytes).unwrap();
+        refused(
+            &["run", "--table", &path(name), "--out", &path("run")],
+            2,
+            &[name, word],
+        );
+    };
+    refused_table("short.bin", &image[..1000], "truncated");
+    refused_table("empty.bin", &[], "truncated");
+    refused_table("erased.bin", &[0xff; 5000], "FLXT");
+    let mut changed = image.clone();
+    changed[2000] ^= 4;
+    refused_table("changed.bin", &changed, "checksum");
+    // A damaged header is named with what it says, and what is accepted.
+    let with = |at: usize, bytes: &[u8]| {
+        let mut changed = image.clone();
+        changed[at..at + bytes.len()].copy_from_slice(bytes);
+        changed
+    };
+    let pieces = "'pieces' is 65, 1 to 64 is accepted";
+    refused_table("pieces.bin", &with(6, &[65, 0]), pieces);
+    let piece = "'ticks of a piece' is 0, 1 to 16777216 is accepted";
+    refused_table("piece.bin", &with(48, &[0; 4]), piece);
+    let rows = "'rows' is 0, ";
+    refused_table("rows.bin", &with(24, &[0; 4]), rows);
+    // The table says what the plan's equations would.
+    let output = flexor(&[
+        "run",
+        "--table",
+        &path("table.bin"),
+        "--model",
+        "as-printed",
+    ]);
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{message}");
+    assert!(message.contains("--table") && message.contains("--model"));
+    refused(
+        &["run", "--table", &path("none.bin"), "--out", &path("run")],
+        2,
+        &["none.bin"],
+    );
+    // A good table of another task.
+    refused(
+        &[
+            "run",
+            "--tick-rate-hz",
+            "1000",
+            "--table",
+            &path("table.bin"),
+            "--out",
+            &path("run"),
+        ],
+        2,
+        &["10000 ticks", "2000 ticks", "plan it again"],
+    );
+    // And of another arm.
+    std::fs::write(path("arm.toml"), ARM.replace("0.24", "0.25")).unwrap();
+    refused(
+        &[
+            "run",
+            "--arm",
+            &path("arm.toml"),
+            "--table",
+            &path("table.bin"),
+            "--out",
+            &path("run"),
+        ],
+        2,
+        &["table.bin", "planned for arm", "plan it again"],
+    );
+}
+
+#[test]
+fn controllers_modes_starts_and_numbers_can_be_chosen() {
+    let out = folder("options");
+    let path = |name: &str| out.join(name).to_str().unwrap().to_string();
+    let rms = |arguments: &[&str]| {
+        let out = path("run");
+        let mut all = vec!["run", "--json", "--plant-elements", "3", "--out", &out];
+        all.extend(arguments);
+        json(&flexor(&all))["force_error_rms_N"].as_f64().unwrap()
+    };
+    let soft = ["--bending-stiffness-scale", "0.9"];
+    let feedforward = rms(&[soft[0], soft[1], "--mode", "feedforward"]);
+    let equilibrium = rms(&[
+        soft[0],
+        soft[1],
+        "--mode",
+        "feedforward",
+        "--start",
+        "equilibrium",
+    ]);
+    assert!((feedforward - 0.081).abs() < 0.001 && (equilibrium - 0.0076).abs() < 1e-4);
+    let single = rms(&["--number", "f32"]);
+    let double = rms(&["--number", "f64"]);
+    assert!(
+        single != double && (single - double).abs() < 1e-5,
+        "{single} {double}"
+    );
+    std::fs::write(
+        path("printed.toml"),
+        "K_DF = 0.0\nK_PF = 0.0\nK_IF = 2.0\nK_w = 0.1\nforce_projection = \"as-printed\"\n",
+    )
+    .unwrap();
+    let printed = rms(&[soft[0], soft[1], "--controller", &path("printed.toml")]);
+    assert!(printed != rms(&soft));
+    // The paper's equations are no plan for a fast motion.
+    // --mode goes before the file's feedforward, and nothing is ignored in silence.
+    let idle = path("idle.toml");
+    let file = CONTROLLER.replace("feedforward = true", "feedforward = false");
+    std::fs::write(&idle, file).unwrap();
+    let feedback = rms(&["--controller", &idle]);
+    assert_eq!(feedback, rms(&["--mode", "feedback"]));
+    let both = rms(&["--controller", &idle, "--mode", "proposed"]);
+    assert_eq!(both, rms(&[]));
+    refused(
+        &["run", "--controller", &idle, "--mode", "feedforward"],
+        2,
+        &["--controller", "--mode feedforward"],
+    );
+    refused(
+        &["demo", "--controller", &idle],
+        2,
+        &["feedforward = false", "demo"],
+    );
+    let exact = rms(&["--mode", "feedforward"]);
+    assert!(rms(&["--mode", "feedforward", "--model", "as-printed"]) > 10.0 * exact);
+}
+
+/// Every `key = value` line of a TOML text, with its value's place.
+fn fields(toml: &str) -> Vec<(usize, String)> {
+    let lines = toml.lines().enumerate();
+    let keyed = lines.filter(|(_, line)| !line.starts_with('#') && line.contains(" = "));
+    keyed
+        .map(|(i, line)| (i, line.split(" = ").next().unwrap().to_string()))
+        .collect()
+}
+
+#[test]
+fn every_field_of_both_files_is_guarded() {
+    let out = folder("fields");
+    let path = |name: &str| out.join(name).to_str().unwrap().to_string();
+    let results = path("results");
+    for (option, name, toml) in [("--arm", "arm.toml", ARM), ("--task", "task.toml", TASK)] {
+        let file = path(name);
+        let with_line = |at: usize, line: Option<&str>| {
+            let lines = toml.lines().enumerate();
+            let changed: Vec<_> = lines
+                .filter_map(|(i, old)| if i == at { line } else { Some(old) })
+                .collect();
+            std::fs::write(&file, changed.join("\n")).unwrap();
+            flexor(&["plan", option, &file, "--out", &results])
+        };
+        for (at, key) in fields(toml) {
+            let pair = toml.lines().nth(at).unwrap().contains('[');
+            let mut bad: Vec<(String, bool)> = vec![
+                (format!("{key} = true"), true),
+                (format!("{key} = {{ a = 1 }}"), true),
+                (format!("{key}_x = 1.0"), true),
+                (format!("{key} ="), true),
+            ];
+            // Zero is good for some: gravity, damping, windows, force, coordinates.
+            for (number, must_fail) in [
+                ("nan", true),
+                ("inf", true),
+                ("1e300", true),
+                ("-1e300", true),
+                ("-1.0", false),
+                ("0.0", false),
+            ] {
+                let value = if pair {
+                    format!("[{number}, 0.05]")
+                } else {
+                    number.to_string()
+                };
+                bad.push((format!("{key} = {value}"), must_fail));
+            }
+            for (line, must_fail) in bad {
+                let output = with_line(at, Some(&line));
+                let message = text(&output.stderr);
+                let code = output.status.code();
+                assert!(!message.contains("panicked"), "{line}: {message}");
+                if must_fail || code != Some(0) {
+                    assert_eq!(code, Some(2), "{line}: {message}");
+                    assert_eq!(message.trim_end().lines().count(), 1, "{line}: {message}");
+                    assert!(message.len() < 400, "{line}: {message}");
+                    for word in ["invalid type", "variant", "f64", "000000000"] {
+                        assert!(!message.contains(word), "{line}: {message}");
+                    }
+                    assert!(
+                        [&key, "line", "path", "duration"]
+                            .iter()
+                            .any(|w| message.contains(*w)),
+                        "{line}: {message}"
+                    );
+                }
+            }
+            let output = with_line(at, None);
+            let message = text(&output.stderr);
+            assert_eq!(output.status.code(), Some(2), "without {key}: {message}");
+            assert!(
+                message.contains(&key) && message.contains("missing"),
+                "{message}"
+            );
+        }
+    }
+}
+
+#[test]
+fn paths_out_of_reach_and_drives_too_weak_are_named() {
+    let out = folder("paths");
+    let path = |name: &str| out.join(name).to_str().unwrap().to_string();
+    let (task, results) = (path("task.toml"), path("results"));
+    std::fs::write(
+        &task,
+        TASK.replace("to_m = [0.2, 0.05]", "to_m = [1.2, 0.05]"),
+    )
+    .unwrap();
+    refused(
+        &["plan", "--task", &task, "--out", &results],
+        2,
+        &["t = 2.0000 s", "1.2000", "unreachable"],
+    );
+    std::fs::write(
+        &task,
+        TASK.replace("to_m = [0.2, 0.05]", "to_m = [0.7, 0.05]"),
+    )
+    .unwrap();
+    refused(
+        &["plan", "--task", &task, "--out", &results],
+        2,
+        &["path.from_m", "path.to_m"],
+    );
+    let arm = path("arm.toml");
+    let limits = "[limits]\ntorque_Nm = [5.0, 1.0]\ntorque_rate_Nm_s = [1e4, 1e4]\n";
+    std::fs::write(&arm, format!("{ARM}\n{limits}")).unwrap();
+    refused(
+        &["plan", "--arm", &arm, "--out", &results],
+        2,
+        &["joint 1", "10.96", "t = 0.0", "limits.torque_Nm[0] = 5"],
+    );
+    // Drives that are strong enough but too slow are accepted with a warning.
+    let limits = "[limits]\ntorque_Nm = [33.0, 1.0]\ntorque_rate_Nm_s = [10.0, 600.0]\n";
+    std::fs::write(&arm, format!("{ARM}\n{limits}")).unwrap();
+    for command in ["plan", "run"] {
+        let output = flexor(&[command, "--arm", &arm, "--out", &results]);
+        let message = text(&output.stderr);
+        assert!(output.status.success(), "{message}");
+        assert_eq!(message.lines().count(), 1, "{message}");
+        for word in [
+            "warning: limits.torque_rate_Nm_s[0] = 10",
+            "16.99 N m/s",
+            "t = 1.08",
+        ] {
+            assert!(message.contains(word), "{message}");
+        }
+    }
+    // More than a plan may hold.
+    std::fs::write(
+        &task,
+        TASK.replace("duration_s = 2.0", "duration_s = 201.0"),
+    )
+    .unwrap();
+    refused(
+        &["plan", "--task", &task, "--out", &results],
+        2,
+        &["201 s", "up to 1e6 (200 s)"],
+    );
+}
+
+#[test]
+fn demo_says_what_its_fast_case_needs() {
+    let out = folder("demo_fast");
+    let task = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/task_fast.toml");
+    refused(
+        &["demo", "--task", task, "--out", out.to_str().unwrap()],
+        2,
+        &["fast case", "a fifth of its duration_s", "`flexor run`"],
+    );
+}
+
+#[test]
+fn files_without_end_are_refused() {
+    let out = folder("endless");
+    let long = out.join("long.toml");
+    std::fs::write(&long, " ".repeat((1 << 20) + 1)).unwrap();
+    refused(
+        &["plan", "--arm", long.to_str().unwrap()],
+        2,
+        &["long.toml", "more than 1048576 bytes"],
+    );
+}
+
+#[test]
+fn usage_and_output_errors_have_their_codes() {
+    let out = folder("usage");
+    let file = out.join("a_file");
+    std::fs::write(&file, "x").unwrap();
+    let inside = file.join("results");
+    for command in ["plan", "run", "demo", "gains", "pil"] {
+        refused(
+            &[command, "--out", inside.to_str().unwrap()],
+            1,
+            &["a_file", "cannot be written"],
+        );
+    }
+    refused(
+        &["plan", "--arm", "/nowhere/arm.toml"],
+        2,
+        &["/nowhere/arm.toml", "cannot be read"],
+    );
+    for arguments in [
+        &["fly"][..],
+        &["plan", "--speed", "3"],
+        &["run", "--mode", "best"],
+        &["run", "--tick-rate-hz", "0"],
+        &["run", "--tick-rate-hz", "fast"],
+        &["gains", "--points", "1001"],
+        &["gains", "tune", "--particles", "1001"],
+        &["gains", "--at", "1", "tune"],
+    ] {
+        assert_eq!(flexor(arguments).status.code(), Some(2), "{arguments:?}");
+    }
+    refused(
+        &["run", "--plant-elements", "99"],
+        2,
+        &["--plant-elements 99", "1 to 16"],
+    );
+    let out = out.to_str().unwrap();
+    refused(
+        &["pil", "--elf", "/nowhere/firmware", "--out", out],
+        2,
+        &["/nowhere/firmware", "`cargo xtask firmware` builds it"],
+    );
+    refused(
+        &["plan", "--out", file.to_str().unwrap()],
+        1,
+        &["a_file", "cannot be written", "not a directory"],
+    );
+    refused(
+        &["run", "--bending-stiffness-scale", "nan"],
+        2,
+        &["--bending-stiffness-scale NaN", "0.01 to 100"],
+    );
+    for arguments in [
+        &["--help"][..],
+        &["plan", "--help"],
+        &["run", "--help"],
+        &["demo", "--help"],
+        &["pil", "--help"],
+    ] {
+        let output = flexor(arguments);
+        assert!(output.status.success() && text(&output.stdout).contains("Example:"));
+    }
+}
+
+/// Without it the light root of `run`'s finer plants bears no such K_w.
+const FILTER: &str = "slope_rate_filter_Hz = 50.0\n";
+
+/// A controller file with all four gains, and `more` lines.
+fn controller(file: &Path, integral: f64, slope_rate: f64, more: &str) -> String {
+    let text = format!(
+        "K_DF_s = 0.0\nK_PF = 0.0\nK_IF_per_s = {integral:?}\nK_w_Nms_rad = {slope_rate:?}\n{more}\n"
+    );
+    std::fs::write(file, text).unwrap();
+    file.to_str().unwrap().to_string()
+}
+
+#[test]
+fn gains_are_judged_in_json_and_in_a_report() {
+    let out = folder("gains");
+    let path = out.to_str().unwrap();
+    let result = json(&flexor(&["gains", "--json", "--at", "0", "--out", path]));
+    assert_eq!(result["stable"], true);
+    assert_eq!(result["spread"]["stable"], true);
+    assert_eq!(
+        (&result["points"], &result["spread"]["plants"]),
+        (&50.into(), &27.into())
+    );
+    let number = |key: &str| result[key].as_f64().unwrap();
+    assert!(number("spectral_radius_max") < 1.0 && number("wall_ms") > 0.0);
+    assert!((0.0..=2.0).contains(&number("worst_t_s")));
+    assert!(number("contact_damping_min") > 0.05);
+    assert!(number("gain_margin_dB") >= 6.0 && number("delay_margin_ticks") >= 1.0);
+    let poles = result["poles_per_s"].as_array().unwrap();
+    assert_eq!(poles.len(), 14);
+    assert!((poles[2][0].as_f64().unwrap() + 1.739).abs() < 1e-3);
+    assert!((poles[2][1].as_f64().unwrap() - 34.486).abs() < 1e-3);
+    for file in [
+        "report.html",
+        "summary.json",
+        "gains_loci.svg",
+        "gains_map.svg",
+        "gains_margins.svg",
+    ] {
+        let size = std::fs::metadata(out.join(file)).unwrap().len();
+        assert!(size > 500, "{file} has {size} bytes");
+    }
+    let page = std::fs::read_to_string(out.join("report.html")).unwrap();
+    for outside in ["http:", "https:", "src=", "href=", "url(", "<script"] {
+        assert!(!page.contains(outside), "the page contains {outside}");
+    }
+    assert_eq!(page.matches("<figure ").count(), 3);
+}
+
+#[test]
+fn unstable_gains_are_told_by_gains_run_and_demo() {
+    let out = folder("unstable");
+    let file = |name: &str| out.join(name);
+    let path = file("out");
+    let path = path.to_str().unwrap();
+    let printed = controller(
+        &file("printed.toml"),
+        5.0,
+        0.05,
+        &format!("{FILTER}force_projection = \"as-printed\""),
+    );
+    let result = json(&flexor(&[
+        "gains",
+        "--json",
+        "--controller",
+        &printed,
+        "--out",
+        path,
+    ]));
+    assert_eq!(result["stable"], false);
+    assert!(result["spectral_radius_max"].as_f64().unwrap() > 1.0);
+    assert!(
+        result["worst_mode"]
+            .as_str()
+            .unwrap()
+            .contains("integrator")
+    );
+    assert!(result["worst_t_s"].as_f64().unwrap() > 1.0);
+    let transpose = controller(&file("transpose.toml"), 5.0, 0.05, FILTER);
+    let result = json(&flexor(&[
+        "gains",
+        "--json",
+        "--controller",
+        &transpose,
+        "--out",
+        path,
+    ]));
+    assert_eq!(result["stable"], true);
+
+    for command in ["run", "demo"] {
+        let told = |controller: &str| {
+            let output = flexor(&[command, "--json", "--controller", controller, "--out", path]);
+            assert!(output.status.success() || command == "run");
+            text(&output.stderr)
+        };
+        let words = told(&printed);
+        assert!(
+            words.contains("force_projection = \"jacobian-transpose\""),
+            "{words}"
+        );
+        assert!(
+            words.contains("warning: the gains are unstable")
+                && words.contains("integrator")
+                && words.contains("t = "),
+            "{command}: {words}"
+        );
+        assert_eq!(told(&transpose), "", "{command}");
+    }
+
+    // K_w that the bare root does not bear: mode, point, and what would help.
+    let shaking = controller(&file("shaking.toml"), 0.0, 0.05, "");
+    let output = flexor(&[
+        "gains",
+        "--json",
+        "--tick-rate-hz",
+        "1000",
+        "--controller",
+        &shaking,
+        "--out",
+        path,
+    ]);
+    let words = text(&output.stderr);
+    for word in ["root", "t = ", "K_w_Nms_rad up to", "a control rate of"] {
+        assert!(words.contains(word), "no {word} in {words}");
+    }
+}
+
+#[test]
+fn gains_that_cannot_be_are_refused_by_name() {
+    let out = folder("bad_gains");
+    let path = out.join("out");
+    let path = path.to_str().unwrap();
+    let good = std::fs::read_to_string(controller(&out.join("good.toml"), 2.0, 0.1, "")).unwrap();
+    for (from, to, name) in [
+        ("K_IF_per_s = 2.0", "K_IF_per_s = -2.0", "K_IF_per_s = -2"),
+        (
+            "K_w_Nms_rad = 0.1",
+            "K_w_Nms_rad = nan",
+            "K_w_Nms_rad = NaN",
+        ),
+        ("K_PF = 0.0", "K_PF = 1e12", "K_PF = 1e12"),
+        ("K_DF_s = 0.0", "K_DF_s = inf", "K_DF_s = inf"),
+    ] {
+        let bad = out.join("bad.toml");
+        assert!(good.contains(from));
+        std::fs::write(&bad, good.replacen(from, to, 1)).unwrap();
+        for command in ["gains", "run", "demo"] {
+            let arguments = [
+                command,
+                "--controller",
+                bad.to_str().unwrap(),
+                "--out",
+                path,
+            ];
+            refused(&arguments, 2, &[name, "accepted"]);
+        }
+    }
+    refused(
+        &["gains", "--at", "2.5", "--out", path],
+        2,
+        &["--at 2.5", "0 to 2 s"],
+    );
+    refused(
+        &["gains", "--map", "K_IF", "K_IF", "--out", path],
+        2,
+        &["--map K_IF K_IF", "two different gains"],
+    );
+    refused(
+        &["gains", "tune", "--gain-margin-dB", "-1", "--out", path],
+        2,
+        &["--gain-margin-dB"],
+    );
+}
+
+#[test]
+fn tuned_gains_are_written_as_a_controller() {
+    let out = folder("tune");
+    let path = out.to_str().unwrap();
+    let arguments = [
+        "gains",
+        "tune",
+        "--json",
+        "--particles",
+        "8",
+        "--iterations",
+        "5",
+        "--seed",
+        "3",
+        "--delay-margin-ticks",
+        "1.5",
+        "--out",
+        path,
+    ];
+    let first = json(&flexor(&arguments));
+    assert_eq!(
+        (&first["stable"], &first["spread"]["stable"]),
+        (&true.into(), &true.into())
+    );
+    assert!(first["delay_margin_ticks"].as_f64().unwrap() >= 1.5);
+    let written = std::fs::read_to_string(out.join("controller.toml")).unwrap();
+    // The same seed writes the same file, and the file is one that the others take.
+    json(&flexor(&arguments));
+    let again = std::fs::read_to_string(out.join("controller.toml")).unwrap();
+    assert_eq!(written, again);
+    let file = out.join("controller.toml");
+    let result = json(&flexor(&[
+        "gains",
+        "--json",
+        "--controller",
+        file.to_str().unwrap(),
+        "--out",
+        path,
+    ]));
+    assert_eq!(result["gain_margin_dB"], first["gain_margin_dB"]);
+}
+
+#[test]
+fn accuracy_comes_as_json_figures_and_a_page() {
+    let out = folder("accuracy");
+    let out = out.to_str().unwrap();
+    let result = json(&flexor(&["accuracy", "--json", "--out", out]));
+    for (number, factor) in [("f32", 100.0), ("fixed", 1.0)] {
+        let is = |key: &str| result[number][key].as_f64().unwrap();
+        assert!(is("torque_error_rms_Nm") <= 2e-4 / factor);
+        assert!(is("torque_error_max_Nm") <= 1e-3 / factor);
+        assert!(is("force_difference_max_N") <= 2e-3 / factor);
+        assert_eq!(is("saturations"), 0.0);
+        assert_eq!(result[number]["random"]["ticks"], 100_000);
+    }
+    for file in [
+        "report.html",
+        "summary.json",
+        "accuracy.csv",
+        "accuracy_time.svg",
+        "accuracy_histogram.svg",
+    ] {
+        let size = std::fs::metadata(Path::new(out).join(file)).unwrap().len();
+        assert!(size > 500, "{file} has {size} bytes");
+    }
+}
+
+#[test]
+fn a_run_in_fixed_point_counts_saturations_and_refuses_what_does_not_fit() {
+    let out = folder("fixed");
+    let out = out.to_str().unwrap();
+    let result = json(&flexor(&[
+        "run",
+        "--json",
+        "--number",
+        "fixed",
+        "--plant-elements",
+        "3",
+        "--out",
+        out,
+    ]));
+    assert_eq!(result["outcome"], "completed");
+    assert_eq!(result["saturations"], 0);
+    assert_eq!(result["saturations_integral"], 0);
+    let file = Path::new(out).join("controller.toml");
+    let gains = "K_DF_s = 0.0\nK_PF = 0.0\nK_IF_per_s = 1e-6\nK_w_Nms_rad = 0.1\n";
+    std::fs::write(&file, gains).unwrap();
+    let file = file.to_str().unwrap();
+    let refused = flexor(&[
+        "run",
+        "--number",
+        "fixed",
+        "--controller",
+        file,
+        "--out",
+        out,
+    ]);
+    assert_eq!(refused.status.code(), Some(2));
+    let message = String::from_utf8(refused.stderr).unwrap();
+    assert!(message.contains("K_IF_per_s = 1e-6"), "{message}");
+}

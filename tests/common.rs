@@ -1,0 +1,84 @@
+//! Behaviour across Flexor's crates: the tests are in `tests/`, the independent
+//! reference figures they check against in `reference/`.
+//!
+//! This library reads the reference files and knows the paper's arm and tasks.
+
+use flexor::model::ArmParameters;
+use flexor_sim::files::config;
+use flexor_sim::planner::plan::{Plan, PlanOptions, Task, Window, plan};
+use flexor_sim::planner::table_fit;
+use flexor_sim::planner::table_fit::EncodedTable;
+use std::path::PathBuf;
+
+/// A reference file of numbers: the header's names and the rows.
+#[derive(Debug)]
+pub struct Reference {
+    names: Vec<String>,
+    /// Rows in the file's order.
+    pub rows: Vec<Vec<f64>>,
+}
+
+impl Reference {
+    /// Reads `reference/<name>`.
+    ///
+    /// # Panics
+    /// If it cannot be read: the test that wants it has failed.
+    pub fn read(name: &str) -> Self {
+        let mut reader = csv::Reader::from_path(path(name)).expect(name);
+        let names = reader
+            .headers()
+            .expect(name)
+            .iter()
+            .map(String::from)
+            .collect();
+        let rows = reader.deserialize().collect::<Result<_, _>>().expect(name);
+        Self { names, rows }
+    }
+
+    /// Position of a column.
+    ///
+    /// # Panics
+    /// If there is none of that name.
+    pub fn column(&self, name: &str) -> usize {
+        let found = self.names.iter().position(|n| n == name);
+        found.unwrap_or_else(|| panic!("no column {name} in {:?}", self.names))
+    }
+}
+
+/// Where a reference file is.
+pub fn path(name: &str) -> PathBuf {
+    [env!("CARGO_MANIFEST_DIR"), "reference", name]
+        .iter()
+        .collect()
+}
+
+/// The paper's arm (Table 1), elbow down.
+pub fn paper_arm() -> ArmParameters {
+    config::parse_arm("example", config::DEFAULT_ARM)
+        .expect("the example is valid")
+        .arm
+}
+
+/// The paper's task: 0.5 m in 2 s, pressing with 2 N.
+pub fn paper_task() -> Task {
+    config::parse_task("example", config::DEFAULT_TASK).expect("the example is valid")
+}
+
+/// The paper's path in 0.4 s, with `window` seconds of pre- and post-actuation.
+pub fn fast_task(window: f64) -> Task {
+    let mut task = paper_task();
+    task.path.duration = 0.4;
+    task.pre_actuation = Window::Fixed(window);
+    task.post_actuation = Window::Fixed(window);
+    task
+}
+
+/// A plan with the default options, and its table.
+///
+/// # Panics
+/// If there is none: the test that wants it has failed.
+pub fn planned(arm: &ArmParameters, task: &Task) -> (Plan, EncodedTable) {
+    let plan = plan(arm, task, &PlanOptions::default()).expect("a plan");
+    let table = table_fit::encode(&plan).expect("a table");
+    (plan, table)
+}

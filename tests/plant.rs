@@ -1,0 +1,47 @@
+//! The plant against an independent simulation.
+
+use flexor_sim::planner::plan::{PlanOptions, plan};
+use flexor_sim::plant::{Plant, PlantParameters, Start};
+use flexor_tests::{Reference, paper_arm, paper_task};
+use std::cell::RefCell;
+
+#[test]
+fn a_softer_plant_under_continuous_feedforward_equals_the_reference() {
+    // 2 kHz makes the reference's rows, 2.5 ms apart, whole ticks.
+    let options = PlanOptions {
+        tick_rate_hz: 2000,
+        ..PlanOptions::default()
+    };
+    let plan = plan(&paper_arm(), &paper_task(), &options).unwrap();
+    let parameters = PlantParameters {
+        elements: 3,
+        bending_stiffness_scale: 0.9,
+        ..PlantParameters::default()
+    };
+    let mut plant = Plant::new(&plan, &parameters, Start::PlanAtRest).unwrap();
+    let reference = Reference::read("forward_ff_only_plant_EI_x0.9.csv");
+    let sampler = RefCell::new(plan.sampler());
+    let mut rows = reference.rows.iter().peekable();
+    for tick in 0..=plan.ticks {
+        let t = plan.time(tick);
+        if let Some(row) = rows.next_if(|row| (row[0] - t).abs() < 1e-9) {
+            let reading = plant.read(sampler.borrow_mut().at(t).torque);
+            for (name, found, bound) in [
+                ("f2_N", reading.force, 1e-4),
+                ("x1_m", reading.tip[0], 1e-7),
+                ("x2_m", reading.tip[1], 1e-10),
+                ("root_slope_rad", reading.root_slope, 1e-6),
+                ("root_slope_rate_rad_s", reading.root_slope_rate, 1e-4),
+            ] {
+                let error = (found - row[reference.column(name)]).abs();
+                assert!(error <= bound, "t = {t}: {name} off by {error:e}");
+            }
+        }
+        plant.advance_with(|t| sampler.borrow_mut().at(t).torque);
+        assert!(plant.constraint().abs() < 1e-12, "{:e}", plant.constraint());
+    }
+    assert!(
+        rows.next().is_none(),
+        "not all rows of the reference were reached"
+    );
+}
