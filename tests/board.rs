@@ -51,7 +51,7 @@ struct Board {
 
 impl Board {
     const NEW: Self = Self {
-        mode: Mode::Disarmed,
+        mode: Mode::Disabled,
         tick: 0,
         fault: None,
         pace: 10,
@@ -62,7 +62,7 @@ impl Board {
         match request {
             Request::Hello => Reply::Identity(IDENTITY),
             Request::Status => {
-                if self.mode == Mode::Armed {
+                if self.mode == Mode::Enabled {
                     self.tick = (self.tick + self.pace).min(TABLE.ticks);
                 }
                 Reply::Status(Status {
@@ -80,22 +80,22 @@ impl Board {
                     logs_lost: 0,
                 })
             }
-            Request::Arm { slot } => {
-                self.mode = Mode::Armed;
-                Reply::Armed {
+            Request::Enable { slot } => {
+                self.mode = Mode::Enabled;
+                Reply::Enabled {
                     slot: slot.unwrap_or(Slot::A),
                     table: TABLE,
                 }
             }
-            Request::Disarm => {
-                self.mode = Mode::Disarmed;
+            Request::Disable => {
+                self.mode = Mode::Disabled;
                 Reply::Done
             }
             Request::Acknowledge => {
                 self.fault = None;
                 Reply::Done
             }
-            Request::Home if self.mode == Mode::Disarmed => Reply::Done,
+            Request::Home if self.mode == Mode::Disabled => Reply::Done,
             Request::Home => Reply::Refused(Refusal::Busy),
             Request::Sensors => Reply::Sensors(SensorReport {
                 raw: RawSample {
@@ -267,11 +267,11 @@ fn identity_status_and_sensors_are_told_in_words_and_json() {
     assert!(identity["slot_b"]["error"].is_string());
 
     let words = text(&board.run(&["status"]).stdout);
-    for word in ["disarmed", "168 cycles", "2500 bytes", "3 with a wrong CRC"] {
+    for word in ["disabled", "168 cycles", "2500 bytes", "3 with a wrong CRC"] {
         assert!(words.contains(word), "no {word:?} in {words}");
     }
     let status = board.json(&["status"]);
-    assert_eq!(status["mode"], "disarmed");
+    assert_eq!(status["mode"], "disabled");
     assert!(status["fault"].is_null());
     assert_eq!(status["tick_max_cycles"], 168);
 
@@ -314,7 +314,7 @@ fn the_sensors_are_followed_in_lines_until_the_signal() {
 }
 
 #[test]
-fn an_armed_table_is_attended_to_its_end_and_disarmed() {
+fn an_enabled_table_is_attended_to_its_end_and_disarmed() {
     for (arguments, slot) in [
         (&["arm"][..], None),
         (&["arm", "--slot", "a"], Some(Slot::A)),
@@ -325,16 +325,16 @@ fn an_armed_table_is_attended_to_its_end_and_disarmed() {
         let words = text(&output.stdout);
         assert!(output.status.success(), "{}", text(&output.stderr));
         let named = format!(
-            "armed, slot {:?}: table 0xfeed0001",
+            "enabled, slot {:?}: table 0xfeed0001",
             slot.unwrap_or(Slot::A)
         );
         assert!(words.starts_with(&named), "{words}");
-        assert!(words.ends_with("completed, disarmed\n"), "{words}");
+        assert!(words.ends_with("completed, disabled\n"), "{words}");
         // In a pipe there is no progress bar.
         assert_eq!(text(&output.stderr).lines().count(), 1);
-        let mut expected = vec![Request::Arm { slot }];
+        let mut expected = vec![Request::Enable { slot }];
         expected.extend([Request::Status; 5]);
-        expected.push(Request::Disarm);
+        expected.push(Request::Disable);
         assert_eq!(board.asked(), expected);
     }
     let end = Fake::good().json(&["arm"]);
@@ -351,7 +351,7 @@ fn a_fault_on_the_way_is_named_and_a_failure() {
         let mut board = Board::NEW;
         Fake::new(move |request| {
             if board.tick == 20 {
-                board.mode = Mode::Disarmed;
+                board.mode = Mode::Disabled;
                 board.fault = Some(Fault::SensorsStale);
                 board.tick = 0;
             }
@@ -364,7 +364,7 @@ fn a_fault_on_the_way_is_named_and_a_failure() {
         "board acknowledge",
     ];
     failed(&board.run(&["arm"]), &words);
-    assert_eq!(board.asked().last(), Some(&Request::Disarm));
+    assert_eq!(board.asked().last(), Some(&Request::Disable));
     let output = fault().run(&["arm", "--json"]);
     failed(&output, &words);
     let end: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -380,13 +380,13 @@ fn a_refusal_is_told_and_nothing_is_to_be_disarmed() {
         deviation_rad: [0.5, -0.25, 0.0],
     };
     let board = Fake::new(move |request| match request {
-        Request::Arm { .. } => Some(Reply::Refused(refusal)),
+        Request::Enable { .. } => Some(Reply::Refused(refusal)),
         other => Some(board.answer(other)),
     });
     let output = board.run(&["arm"]);
     failed(&output, &["refused", "[0.5, -0.25, 0.0] rad", "first row"]);
     assert!(output.stdout.is_empty());
-    let arm = Request::Arm { slot: None };
+    let arm = Request::Enable { slot: None };
     assert_eq!(board.asked(), [arm, Request::Status]);
 }
 
@@ -402,13 +402,13 @@ fn a_signal_disarms() {
     interrupt(&child);
     failed(
         &child.wait_with_output().unwrap(),
-        &["interrupted and disarmed after tick 0 of 50"],
+        &["interrupted and disabled after tick 0 of 50"],
     );
-    assert_eq!(board.asked().last(), Some(&Request::Disarm));
+    assert_eq!(board.asked().last(), Some(&Request::Disable));
 }
 
 #[test]
-fn a_board_that_starts_again_or_is_disarmed_by_another_ends_the_run() {
+fn a_board_that_starts_again_or_is_disabled_by_another_ends_the_run() {
     let run = |instead: fn(&mut Board) -> Reply| {
         let mut board = Board::NEW;
         Fake::new(move |request| match request {
@@ -419,39 +419,39 @@ fn a_board_that_starts_again_or_is_disarmed_by_another_ends_the_run() {
     let again = run(|_| Reply::Identity(IDENTITY));
     failed(
         &again.run(&["arm"]),
-        &["started again", "the watchdog was not fed", "disarmed"],
+        &["started again", "the watchdog was not fed", "disabled"],
     );
-    assert_eq!(again.asked().last(), Some(&Request::Disarm));
+    assert_eq!(again.asked().last(), Some(&Request::Disable));
     let other = run(|board| {
-        board.mode = Mode::Disarmed;
+        board.mode = Mode::Disabled;
         board.answer(&Request::Status)
     });
     failed(
         &other.run(&["arm"]),
-        &["somebody else disarmed it after tick 20"],
+        &["somebody else disabled it after tick 20"],
     );
 }
 
 #[test]
-fn a_board_that_falls_silent_is_disarmed_if_it_still_hears() {
-    // Arms, and answers nothing but what disarms from then on.
+fn a_board_that_falls_silent_is_disabled_if_it_still_hears() {
+    // Enables, and answers nothing but what disables from then on.
     let mut board = Board::NEW;
     let deaf = Fake::new(move |request| match request {
-        Request::Status if board.mode == Mode::Armed => None,
+        Request::Status if board.mode == Mode::Enabled => None,
         other => Some(board.answer(other)),
     });
     let output = deaf.start(&["arm", "--timeout-s", "0.3"]);
     let output = output.wait_with_output().unwrap();
     failed(
         &output,
-        &["no answer at 1000000 baud within 0.3 s", "disarmed"],
+        &["no answer at 1000000 baud within 0.3 s", "disabled"],
     );
-    assert_eq!(deaf.asked().last(), Some(&Request::Disarm));
+    assert_eq!(deaf.asked().last(), Some(&Request::Disable));
 
     // Nor that.
     let mut board = Board::NEW;
     let dead = Fake::new(move |request| match board.mode {
-        Mode::Armed => None,
+        Mode::Enabled => None,
         _ => Some(board.answer(request)),
     });
     let output = dead.start(&["arm", "--timeout-s", "0.3"]);
@@ -460,7 +460,7 @@ fn a_board_that_falls_silent_is_disarmed_if_it_still_hears() {
         &output,
         &["did not confirm", "100 ms after the last request"],
     );
-    assert_eq!(dead.asked().last(), Some(&Request::Disarm));
+    assert_eq!(dead.asked().last(), Some(&Request::Disable));
 }
 
 #[test]
@@ -468,12 +468,12 @@ fn an_answer_to_arm_that_gets_lost_is_followed_by_disarming() {
     let mut board = Board::NEW;
     let board = Fake::new(move |request| {
         let reply = board.answer(request);
-        (!matches!(request, Request::Arm { .. })).then_some(reply)
+        (!matches!(request, Request::Enable { .. })).then_some(reply)
     });
     let output = board.start(&["arm", "--timeout-s", "0.3"]);
     failed(&output.wait_with_output().unwrap(), &["no answer"]);
     let asked = board.asked();
-    assert_eq!(asked, [Request::Arm { slot: None }, Request::Disarm]);
+    assert_eq!(asked, [Request::Enable { slot: None }, Request::Disable]);
 }
 
 #[test]
@@ -510,23 +510,23 @@ fn silence_and_other_speech_are_told_apart() {
 #[test]
 fn home_disarm_and_acknowledge_say_how_it_then_is() {
     let mut board = Board {
-        mode: Mode::Armed,
+        mode: Mode::Enabled,
         fault: Some(Fault::Drive),
         ..Board::NEW
     };
     let board = Fake::new(move |request| Some(board.answer(request)));
-    failed(&board.run(&["home"]), &["refused", "disarm"]);
-    let state = board.json(&["disarm"]);
+    failed(&board.run(&["home"]), &["refused", "disable"]);
+    let state = board.json(&["disable"]);
     assert_eq!(
         (&state["mode"], &state["fault"]),
-        (&"disarmed".into(), &"drive_fault".into())
+        (&"disabled".into(), &"drive_fault".into())
     );
     assert_eq!(state["fault_number"], 17);
-    assert_eq!(board.json(&["home"])["mode"], "disarmed");
+    assert_eq!(board.json(&["home"])["mode"], "disabled");
     assert!(board.asked().contains(&Request::Home));
     let words = text(&board.run(&["acknowledge"]).stdout);
     assert!(
-        words.contains("disarmed") && words.contains("none"),
+        words.contains("disabled") && words.contains("none"),
         "{words}"
     );
 }
@@ -558,7 +558,7 @@ fn a_wrong_command_line_is_code_2() {
         "sensors",
         "arm",
         "home",
-        "disarm",
+        "disable",
         "acknowledge",
     ] {
         let output = run(&[verb, "--help"]);
@@ -595,13 +595,13 @@ fn the_image_in_qemu_answers_every_verb() {
     assert!(words.contains("slot B        holds no table"), "{words}");
     assert!(log.contains("firmware: info start: Normal"), "{log}");
     for (arguments, key, value) in [
-        (&["status", "--json"][..], "mode", Value::from("disarmed")),
+        (&["status", "--json"][..], "mode", Value::from("disabled")),
         (&["sensors", "--json"], "fresh", false.into()),
         (&["sensors", "--json"], "strain_counts", 0.into()),
         (&["sensors", "--json"], "stop_released", false.into()),
         (&["sensors", "--json"], "homed", false.into()),
-        (&["home", "--json"], "mode", "disarmed".into()),
-        (&["disarm", "--json"], "mode", "disarmed".into()),
+        (&["home", "--json"], "mode", "disabled".into()),
+        (&["disable", "--json"], "mode", "disabled".into()),
         (&["acknowledge", "--json"], "fault", Value::Null),
     ] {
         let (code, words, log) = emulated(arguments);

@@ -186,7 +186,7 @@ fn restart(bytes: &[u8]) -> StartReason {
     let Reply::Identity(identity) = ask(&mut processor, tick) else {
         panic!("no restart");
     };
-    assert_eq!(processor.status().unwrap().mode, Mode::Disarmed);
+    assert_eq!(processor.status().unwrap().mode, Mode::Disabled);
     let after = accesses(&folder, &outputs);
     // By the handler, and again at the next start.
     assert_eq!(after[before..][..6], [off(), off()].concat());
@@ -205,8 +205,8 @@ fn seal(table: &mut [u8]) {
     table[44..48].copy_from_slice(&digest.finalize().to_le_bytes());
 }
 
-/// A request to arm with any slot's table.
-const ARM: Request = Request::Arm { slot: None };
+/// A request to enable the drives with any slot's table.
+const ARM: Request = Request::Enable { slot: None };
 
 fn ask(processor: &mut Processor, request: Request) -> Reply {
     processor.ask(&request, "reply").unwrap()
@@ -214,7 +214,7 @@ fn ask(processor: &mut Processor, request: Request) -> Reply {
 
 #[test]
 #[ignore = "needs the image: cargo xtask test"]
-fn it_starts_disarmed_with_its_table_and_says_so() {
+fn it_starts_disabled_with_its_table_and_says_so() {
     let mut processor = boot(untouched, None);
     let identity = *processor.identity();
     let version = identity.version.map(|number| number.to_string()).join(".");
@@ -231,7 +231,7 @@ fn it_starts_disarmed_with_its_table_and_says_so() {
         (16_000_000, 16_000_000)
     );
     let status = processor.status().unwrap();
-    assert_eq!((status.mode, status.fault), (Mode::Disarmed, None));
+    assert_eq!((status.mode, status.fault), (Mode::Disabled, None));
 }
 
 #[test]
@@ -242,18 +242,18 @@ fn without_released_stop_it_does_not_arm() {
     let mut processor = boot(untouched, Some(&good));
     let stop = Reply::Refused(Refusal::Cause(Fault::EmergencyStop));
     for slot in [None, Some(Slot::A), Some(Slot::B)] {
-        assert_eq!(ask(&mut processor, Request::Arm { slot }), stop);
-        assert_eq!(processor.status().unwrap().mode, Mode::Disarmed);
+        assert_eq!(ask(&mut processor, Request::Enable { slot }), stop);
+        assert_eq!(processor.status().unwrap().mode, Mode::Disabled);
     }
     // A slot that was asked for is never replaced by the other.
     let mut processor = boot(untouched, None);
     let (a, b) = (Some(Slot::A), Some(Slot::B));
     let refused = Reply::Refused(Refusal::Table(SlotError::Magic));
-    assert_eq!(ask(&mut processor, Request::Arm { slot: a }), stop);
-    assert_eq!(ask(&mut processor, Request::Arm { slot: b }), refused);
+    assert_eq!(ask(&mut processor, Request::Enable { slot: a }), stop);
+    assert_eq!(ask(&mut processor, Request::Enable { slot: b }), refused);
     let mut processor = boot(|table| table[0] ^= 1, Some(&good));
-    assert_eq!(ask(&mut processor, Request::Arm { slot: a }), refused);
-    assert_eq!(ask(&mut processor, Request::Arm { slot: b }), stop);
+    assert_eq!(ask(&mut processor, Request::Enable { slot: a }), refused);
+    assert_eq!(ask(&mut processor, Request::Enable { slot: b }), stop);
     assert_eq!(ask(&mut processor, ARM), stop);
 }
 
@@ -362,7 +362,7 @@ fn lock_step_begins_and_ends_on_request() {
     let refused = Reply::Refused(Refusal::NotInLockStep);
     assert_eq!(ask(&mut processor, tick), refused);
     assert_eq!(ask(&mut processor, Request::StopLockStep), refused);
-    for end in [Request::StopLockStep, Request::Disarm] {
+    for end in [Request::StopLockStep, Request::Disable] {
         processor.start(Slot::A, &setup()).unwrap();
         assert_eq!(ask(&mut processor, ARM), Reply::Refused(Refusal::Busy));
         for sequence in 0..3 {
@@ -372,7 +372,7 @@ fn lock_step_begins_and_ends_on_request() {
         assert_eq!(processor.status().unwrap().mode, Mode::LockStep);
         assert_eq!(ask(&mut processor, end), Reply::Done);
         let before = processor.status().unwrap();
-        assert_eq!(before.mode, Mode::Disarmed);
+        assert_eq!(before.mode, Mode::Disabled);
         // The timer runs again. A hundred questions may be over within one of its periods:
         // the emulator's clock follows the host's while the processor sleeps.
         let deadline = Instant::now() + Duration::from_secs(60);
@@ -699,7 +699,7 @@ fn abuse_of_the_link_is_counted_and_survived() {
     let count =
         |e: flexor::link::FrameErrors| e.oversized + e.stuffing + e.version + e.crc + e.message;
     assert!(count(after.frame_errors) > count(errors) + 20);
-    assert_eq!(after.mode, Mode::Disarmed);
+    assert_eq!(after.mode, Mode::Disabled);
 
     // A flood: as many good frames at a time as the receive queue holds, 512 bytes. Of more
     // without a pause bytes are lost, and counted, when QEMU hands them over faster than it

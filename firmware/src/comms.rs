@@ -8,7 +8,7 @@ use flexor::link::{
     FRAME_MAX, FrameErrors, Identity, Reply, Request, Setup, StartReason, Status, encode,
 };
 use flexor::link::{Mode, Refusal};
-use flexor::supervisor::{Control, Prepared, may_arm, may_plan, table_to_arm};
+use flexor::supervisor::{Control, Prepared, check_enable, check_torque_bound, select_table};
 use flexor::table::{Slot, Table, TableIdentity};
 use rtic::Mutex;
 
@@ -80,12 +80,12 @@ impl Comms {
             Request::Hello => return self.identity(),
             Request::Status => return status(control, lost),
             Request::Sensors => return Reply::Sensors(control.lock(|c| c.sensors())),
-            Request::Arm { slot } => match self.arm(slot, control) {
-                Ok((slot, table)) => return Reply::Armed { slot, table },
+            Request::Enable { slot } => match self.enable(slot, control) {
+                Ok((slot, table)) => return Reply::Enabled { slot, table },
                 Err(refusal) => Err(refusal),
             },
-            Request::Disarm => {
-                control.lock(Control::disarm);
+            Request::Disable => {
+                control.lock(Control::disable);
                 // If the timer rested for lock-step, this tick starts it again.
                 pend();
                 Ok(())
@@ -104,7 +104,7 @@ impl Comms {
             Request::StopLockStep => {
                 let running = control.lock(|c| c.report().0 == Mode::LockStep);
                 if running {
-                    control.lock(Control::disarm);
+                    control.lock(Control::disable);
                     pend();
                     Ok(())
                 } else {
@@ -129,25 +129,25 @@ impl Comms {
         }
     }
 
-    fn arm(
+    fn enable(
         &mut self,
         slot: Option<Slot>,
         control: &mut impl Mutex<T = Control<'static>>,
     ) -> Result<(Slot, TableIdentity), Refusal> {
-        if control.lock(|c| c.report().0) != Mode::Disarmed {
+        if control.lock(|c| c.report().0) != Mode::Disabled {
             return Err(Refusal::Busy);
         }
         let mut setup = self.setup.ok_or(Refusal::NoSetup)?;
         setup.limits = setup.limits.at_most(DRIVE_LIMIT_NM);
         let fingerprint = setup.arm.fingerprint();
-        let (slot, table) = table_to_arm(slot, |slot| flash_slots::open(slot, fingerprint))?;
+        let (slot, table) = select_table(slot, |slot| flash_slots::open(slot, fingerprint))?;
         let first_row = table.cursor().reference();
         let standing = control.lock(|c| c.standing());
-        may_arm(&SAFETY, &standing, &first_row)?;
-        may_plan(table.torque_bound(), &setup.limits)?;
+        check_enable(&SAFETY, &standing, &first_row)?;
+        check_torque_bound(table.torque_bound(), &setup.limits)?;
         self.prepare(&table, &setup)?;
-        control.lock(|c| c.arm(&mut self.prepared));
-        defmt::info!("armed, slot {}: table {=u32:#x}", slot, table.crc());
+        control.lock(|c| c.enable(&mut self.prepared));
+        defmt::info!("enabled, slot {}: table {=u32:#x}", slot, table.crc());
         Ok((slot, TableIdentity::from(&table)))
     }
 
@@ -157,7 +157,7 @@ impl Comms {
         setup: &Setup,
         control: &mut impl Mutex<T = Control<'static>>,
     ) -> Result<TableIdentity, Refusal> {
-        if control.lock(|c| c.report().0) == Mode::Armed {
+        if control.lock(|c| c.report().0) == Mode::Enabled {
             return Err(Refusal::Busy);
         }
         let table = flash_slots::open(slot, setup.arm.fingerprint()).map_err(Refusal::Table)?;

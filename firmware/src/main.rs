@@ -177,7 +177,7 @@ mod app {
                 local.watchdog.feed();
             }
             let (mode, _, latched, ..) = control.lock(|control| control.report());
-            if debuggable != (mode != Mode::Armed) {
+            if debuggable != (mode != Mode::Enabled) {
                 debuggable = !debuggable;
                 local.watchdog.wait_for_debugger(debuggable);
             }

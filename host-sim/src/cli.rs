@@ -82,7 +82,7 @@ enum Command {
     )]
     Pil(PilArgs),
     /// Talks to a board on a serial port, or to the firmware's image in QEMU: who it is, what
-    /// its sensors say, arm, disarm.
+    /// its sensors say, arm, disable.
     #[command(
         after_help = "Example: flexor board sensors --port /dev/ttyUSB0 --follow\n\nWithout --port the image in QEMU, whose stop reads as pressed. The firmware's log goes to standard error. Exit codes: 0 done; 1 refused, failed, or stopped before the table's end; 2 command line, port or image at fault."
     )]

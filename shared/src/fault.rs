@@ -22,7 +22,7 @@ pub enum Fault {
     SensorsStale = 18,
     /// A tick was not over when the next one was due.
     TickOverrun = 19,
-    /// The host fell silent while the arm was armed.
+    /// The host fell silent while the arm was enabled.
     LinkTimeout = 20,
     /// A converter is at its rail: a wire is broken, or more is measured than its range.
     SensorRange = 21,

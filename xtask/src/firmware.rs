@@ -85,7 +85,7 @@ pub(crate) struct FlashOptions {
     /// Write this table image alone (a file `table.bin` of `flexor plan`), and not the firmware.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["arm", "task", "controller"])]
     table: Option<PathBuf>,
-    /// Where to write that table; `flexor board arm --slot` runs it.
+    /// Where to write that table; `flexor board enable --slot` runs it.
     #[arg(long, value_enum, default_value_t = SlotArg::B, requires = "table")]
     slot: SlotArg,
     /// Only say what would be written, and by which command.

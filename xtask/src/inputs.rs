@@ -3,7 +3,7 @@
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use flexor::link::Setup;
-use flexor::supervisor::may_plan;
+use flexor::supervisor::check_torque_bound;
 use flexor::table::Table;
 use flexor_sim::files::config;
 use flexor_sim::planner::limits::default_limits;
@@ -68,8 +68,8 @@ pub(crate) fn plan_files(files: &Files) -> Result<Demo> {
     let plan = plan(&arm.arm, &task, &options)?;
     let limits = arm.limits.unwrap_or_else(|| default_limits(&plan));
     let table = encode(&plan)?;
-    // As the board does before it arms, where the drives may allow less.
-    may_plan(Table::open(&table.image)?.torque_bound(), &limits)
+    // As the board does before it enables, where the drives may allow less.
+    check_torque_bound(Table::open(&table.image)?.torque_bound(), &limits)
         .context("limits.torque_Nm: a longer duration_s may need less")?;
     let bytes = table.image.len();
     ensure!(

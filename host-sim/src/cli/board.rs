@@ -1,8 +1,8 @@
 //! The command `board`: the requests that an operator makes of a microcontroller.
 //!
-//! The board keeps the arm safe by itself: it arms only when everything is in order, stops
+//! The board keeps the arm safe by itself: it enables the drives only when everything is in order, stops
 //! at every fault, and 100 ms after the last request. Whatever happens to this process, the
-//! drives go off; that it disarms as well only makes it sooner.
+//! drives go off; that it disables as well only makes it sooner.
 
 use super::{CliError, print, print_facts, say};
 use crate::files::export;
@@ -20,7 +20,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Between two requests to an armed arm: 50 a second, where it stops after 100 ms without.
+/// Between two requests to an enabled arm: 50 a second, where it stops after 100 ms without.
 const KEEP_ALIVE: Duration = Duration::from_millis(20);
 
 /// Between two records of `sensors --follow`.
@@ -101,12 +101,12 @@ enum Verb {
         #[arg(long)]
         follow: bool,
     },
-    /// Enables the drives and runs a table; disarms at its end, at a fault, on Ctrl-C and at
+    /// Enables the drives and runs a table; disables at its end, at a fault, on Ctrl-C and at
     /// any error
     #[command(
-        after_help = "Example: flexor board arm --port /dev/ttyUSB0 --slot b\n\nTHE ARM MOVES. The board refuses while a fault is latched, the stop is pressed, a drive is not well, or the arm is away from the table's first row. Exit code 0 when the table was run to its end."
+        after_help = "Example: flexor board enable --port /dev/ttyUSB0 --slot b\n\nTHE ARM MOVES. The board refuses while a fault is latched, the stop is pressed, a drive is not well, or the arm is away from the table's first row. Exit code 0 when the table was run to its end."
     )]
-    Arm {
+    Enable {
         /// Run this slot's table and no other; without it slot A's, or slot B's where slot A
         /// has none that is usable
         #[arg(long, value_enum)]
@@ -114,13 +114,13 @@ enum Verb {
     },
     /// Says that the arm stands at its home pose, from which the encoders count
     #[command(
-        after_help = "Example: flexor board home --port /dev/ttyUSB0\n\nWanted before arming, once after every start and after every pil. Nothing moves."
+        after_help = "Example: flexor board home --port /dev/ttyUSB0\n\nWanted before enabling, once after every start and after every pil. Nothing moves."
     )]
     Home,
     /// Drives off
-    #[command(after_help = "Example: flexor board disarm --port /dev/ttyUSB0")]
-    Disarm,
-    /// Forget the latched fault, so that it may be armed again
+    #[command(after_help = "Example: flexor board disable --port /dev/ttyUSB0")]
+    Disable,
+    /// Forget the latched fault, so that it may be enabled again
     #[command(after_help = "Example: flexor board acknowledge --port /dev/ttyUSB0")]
     Acknowledge,
 }
@@ -159,15 +159,15 @@ pub(super) enum BoardError {
         fault.number()
     )]
     Fault { fault: Fault, tick: u32, ticks: u32 },
-    #[error("somebody else disarmed it after tick {tick} of {ticks}")]
-    Disarmed { tick: u32, ticks: u32 },
-    #[error("interrupted and disarmed after tick {tick} of {ticks}")]
+    #[error("somebody else disabled it after tick {tick} of {ticks}")]
+    Disabled { tick: u32, ticks: u32 },
+    #[error("interrupted and disabled after tick {tick} of {ticks}")]
     Interrupted { tick: u32, ticks: u32 },
     #[error(
-        "it did not confirm to be disarmed ({0}); an armed board stops by itself 100 ms after the last request"
+        "it did not confirm to be disabled ({0}); an enabled board stops by itself 100 ms after the last request"
     )]
     NotDisarmed(ProcessorError),
-    #[error("signals cannot be caught, so it is not armed: {0}")]
+    #[error("signals cannot be caught, so it is not enabled: {0}")]
     Signals(io::Error),
 }
 
@@ -194,7 +194,7 @@ fn failed(error: impl Into<BoardError>) -> CliError {
 pub(super) fn board(args: &BoardArgs) -> Result<(), CliError> {
     // The one thing on the terminal that the log must not run into.
     let bar = match &args.verb {
-        Verb::Arm { .. } => ProgressBar::new(0),
+        Verb::Enable { .. } => ProgressBar::new(0),
         Verb::Sensors { follow: true } if !args.json => {
             ProgressBar::with_draw_target(None, ProgressDrawTarget::stdout())
         }
@@ -217,10 +217,10 @@ pub(super) fn board(args: &BoardArgs) -> Result<(), CliError> {
             let report = board.sensors().map_err(failed)?;
             show(args.json, sensors_json(&report), sensors_facts(&report))
         }
-        Verb::Arm { slot } => arm(board, slot.map(Into::into), args.json, &bar),
-        Verb::Disarm => {
+        Verb::Enable { slot } => enable(board, slot.map(Into::into), args.json, &bar),
+        Verb::Disable => {
             board
-                .disarm()
+                .disable()
                 .map_err(BoardError::NotDisarmed)
                 .map_err(failed)?;
             standing(board, args.json)
@@ -356,8 +356,8 @@ fn table_words(table: &TableIdentity, tick_rate_hz: u32) -> String {
 /// A mode's name.
 fn mode(mode: Mode) -> &'static str {
     match mode {
-        Mode::Disarmed => "disarmed",
-        Mode::Armed => "armed",
+        Mode::Disabled => "disabled",
+        Mode::Enabled => "enabled",
         Mode::LockStep => "lock_step",
     }
 }
@@ -610,23 +610,23 @@ fn follow(board: &mut Processor, json: bool, bar: &ProgressBar) -> Result<(), Cl
     Ok(())
 }
 
-/// How an armed run ended.
+/// How an enabled run ended.
 enum End {
     Completed,
     Interrupted,
     Fault(Fault),
-    Disarmed,
+    Disabled,
 }
 
-/// Arms, keeps the link alive, and disarms, whatever happens in between.
-fn arm(
+/// Enables, keeps the link alive, and disables, whatever happens in between.
+fn enable(
     board: &mut Processor,
     slot: Option<Slot>,
     json: bool,
     bar: &ProgressBar,
 ) -> Result<(), CliError> {
     let stop = stop_signals()?;
-    let granted = match board.arm(slot) {
+    let granted = match board.enable(slot) {
         Err(error @ ProcessorError::Refused(_)) => {
             // For what it has logged of that; the refusal is known without.
             let _ = board.status();
@@ -637,9 +637,9 @@ fn arm(
     let ended = granted
         .map_err(failed)
         .and_then(|(slot, table)| attend(board, slot, table, json, &stop, bar));
-    let disarmed = board.disarm();
+    let disabled = board.disable();
     bar.finish_and_clear();
-    let (slot, table, end, tick) = match (ended, disarmed) {
+    let (slot, table, end, tick) = match (ended, disabled) {
         (Ok(ended), Ok(())) => ended,
         (ended, Err(error)) => {
             if let Err(error) = ended {
@@ -648,7 +648,7 @@ fn arm(
             return Err(failed(BoardError::NotDisarmed(error)));
         }
         (Err(error), Ok(())) => {
-            say("disarmed");
+            say("disabled");
             return Err(error);
         }
     };
@@ -665,7 +665,7 @@ fn arm(
             Some(fault),
             Err(BoardError::Fault { fault, tick, ticks }),
         ),
-        End::Disarmed => ("disarmed", None, Err(BoardError::Disarmed { tick, ticks })),
+        End::Disabled => ("disabled", None, Err(BoardError::Disabled { tick, ticks })),
     };
     if json {
         let mut keys = export::object([("outcome", json!(outcome))]);
@@ -678,12 +678,12 @@ fn arm(
         ]));
         print(Value::Object(keys))?;
     } else if result.is_ok() {
-        print(format_args!("completed, disarmed"))?;
+        print(format_args!("completed, disabled"))?;
     }
     result.map_err(failed)
 }
 
-/// Keeps the link of an armed arm alive until it is over: slot, table, how it ended, and the
+/// Keeps the link of an enabled arm alive until it is over: slot, table, how it ended, and the
 /// last tick that was seen.
 fn attend(
     board: &mut Processor,
@@ -695,7 +695,7 @@ fn attend(
 ) -> Result<(Slot, TableIdentity, End, u32), CliError> {
     if !json {
         let words = table_words(&table, board.identity().tick_rate_hz);
-        print(format_args!("armed, slot {slot:?}: {words}"))?;
+        print(format_args!("enabled, slot {slot:?}: {words}"))?;
     }
     bar.set_length(table.ticks.into());
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} ticks, {eta} left") {
@@ -708,9 +708,9 @@ fn attend(
         bar.set_position(tick.into());
         let end = match (status.fault, status.mode) {
             (Some(fault), _) => Some(End::Fault(fault)),
-            (None, Mode::Armed) if tick >= table.ticks => Some(End::Completed),
-            (None, Mode::Armed) => stop.load(Ordering::Relaxed).then_some(End::Interrupted),
-            (None, _) => Some(End::Disarmed),
+            (None, Mode::Enabled) if tick >= table.ticks => Some(End::Completed),
+            (None, Mode::Enabled) => stop.load(Ordering::Relaxed).then_some(End::Interrupted),
+            (None, _) => Some(End::Disabled),
         };
         if let Some(end) = end {
             return Ok((slot, table, end, tick));

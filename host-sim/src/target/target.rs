@@ -524,13 +524,13 @@ impl Processor {
     /// be asked for something every 100 ms, or it stops by itself.
     ///
     /// # Errors
-    /// [`ProcessorError::Refused`] if it is not armed; else other [`ProcessorError`]s, after
-    /// which it may be armed.
-    pub fn arm(&mut self, slot: Option<Slot>) -> Result<(Slot, TableIdentity), ProcessorError> {
-        match self.ask(&Request::Arm { slot }, "consent to arm")? {
-            Reply::Armed { slot, table } => Ok((slot, table)),
+    /// [`ProcessorError::Refused`] if it is not enabled; else other [`ProcessorError`]s, after
+    /// which it may be enabled.
+    pub fn enable(&mut self, slot: Option<Slot>) -> Result<(Slot, TableIdentity), ProcessorError> {
+        match self.ask(&Request::Enable { slot }, "consent to enable")? {
+            Reply::Enabled { slot, table } => Ok((slot, table)),
             Reply::Refused(refusal) => Err(ProcessorError::Refused(refusal)),
-            other => Err(unexpected("consent to arm", &other)),
+            other => Err(unexpected("consent to enable", &other)),
         }
     }
 
@@ -539,9 +539,9 @@ impl Processor {
     ///
     /// # Errors
     /// [`ProcessorError`].
-    pub fn disarm(&mut self) -> Result<(), ProcessorError> {
-        let awaited = "consent to disarm";
-        let mut reply = self.ask(&Request::Disarm, awaited)?;
+    pub fn disable(&mut self) -> Result<(), ProcessorError> {
+        let awaited = "consent to disable";
+        let mut reply = self.ask(&Request::Disable, awaited)?;
         // An earlier request's answer is one message, and perhaps an identity after it.
         for _ in 0..4 {
             if reply == Reply::Done {
@@ -555,7 +555,7 @@ impl Processor {
     /// Tells that the arm stands at its home pose.
     ///
     /// # Errors
-    /// [`ProcessorError::Refused`] unless disarmed; else other [`ProcessorError`]s.
+    /// [`ProcessorError::Refused`] unless disabled; else other [`ProcessorError`]s.
     pub fn home(&mut self) -> Result<(), ProcessorError> {
         match self.ask(&Request::Home, "consent")? {
             Reply::Done => Ok(()),

@@ -18,8 +18,8 @@
 //! |---|---|
 //! | 0 hello | `00` |
 //! | 1 status | `01` |
-//! | 2 arm | `02`, slot as option |
-//! | 3 disarm | `03` |
+//! | 2 enable | `02`, slot as option |
+//! | 3 disable | `03` |
 //! | 4 acknowledge | `04` |
 //! | 5 start lock-step | `05`, slot, [`Setup`] |
 //! | 6 stop lock-step | `06` |
@@ -46,18 +46,18 @@
 //! | 4 command | `04`, sequence varint, tick varint, torque 2 x f32, limiting 2 x u8, fault number u8 as option, stopwatch counts varint |
 //! | 5 lock-step | `05`, table: CRC u32, arm fingerprint u32, ticks u32, varints |
 //! | 6 log | `06`, number of bytes u8 (as varint), and those: one entry of defmt's raw encoding (wire format 4), read with the symbols of the ELF |
-//! | 7 armed | `07`, slot, table as above |
+//! | 7 enabled | `07`, slot, table as above |
 //! | 8 sensors | `08`, counts: encoders 2 x u16, force u16, strain u16 (varints), fresh bool; measurement; stop released, drives well, converters off their rails, homed: bools |
 //!
-//! # Arming
+//! # Enabling
 //!
 //! After a start, and after lock-step, the positions of the joints are not known: *home* says
-//! that the arm stands at its home pose, and without it *arm* is refused.
-//! *arm* without a slot takes slot A's table, or slot B's where A has none that is usable;
-//! with a slot, that slot's and no other. *armed* names what runs from now on. Any request
-//! keeps an armed arm going, and 100 ms without one stop it; *status* is meant for that. At the
+//! that the arm stands at its home pose, and without it *enable* is refused.
+//! *enable* without a slot takes slot A's table, or slot B's where A has none that is usable;
+//! with a slot, that slot's and no other. *enabled* names what runs from now on. Any request
+//! keeps an enabled arm going, and 100 ms without one stop it; *status* is meant for that. At the
 //! table's end the tick stays at the table's number of ticks and the last torques hold
-//! until the host disarms.
+//! until the host disables.
 //!
 //! # Lock-step
 //!
@@ -110,18 +110,18 @@ impl Setup {
 pub enum Request {
     /// Who are you? Answered by [`Reply::Identity`].
     Hello,
-    /// How are you? Answered by [`Reply::Status`]; keeps an armed arm from stopping with
+    /// How are you? Answered by [`Reply::Status`]; keeps an enabled arm from stopping with
     /// [`Fault::LinkTimeout`].
     Status,
     /// Enable the drives and run a table from its first tick. Answered by
-    /// [`Reply::Armed`].
-    Arm {
+    /// [`Reply::Enabled`].
+    Enable {
         /// Where the table is; `None` for slot A, or slot B where A has none that is usable.
         slot: Option<Slot>,
     },
     /// Drives off.
-    Disarm,
-    /// Forget the latched fault. A cause that still stands refuses the next arming.
+    Disable,
+    /// Forget the latched fault. A cause that still stands refuses the next enabling.
     Acknowledge,
     /// Begin lock-step with this table and setup; begins again when already running.
     /// Answered by [`Reply::LockStep`].
@@ -131,7 +131,7 @@ pub enum Request {
         /// The controller's parameters.
         setup: Setup,
     },
-    /// Back to the timer and the sensors, disarmed.
+    /// Back to the timer and the sensors, disabled.
     StopLockStep,
     /// One tick of lock-step; answered by [`Reply::Command`].
     Measured {
@@ -144,7 +144,7 @@ pub enum Request {
     /// [`Reply::Sensors`].
     Sensors,
     /// The arm stands at its home pose, from which the encoders count. Wanted once after
-    /// every start and every lock-step, before the arm can be armed.
+    /// every start and every lock-step, before the drives can be enabled.
     Home,
 }
 
@@ -168,7 +168,7 @@ pub enum Reply {
     /// Not an answer: an entry of the log.
     Log(LogEntry),
     /// The drives are enabled, and this table runs.
-    Armed {
+    Enabled {
         /// Where the table is.
         slot: Slot,
         /// Which it is.
@@ -280,9 +280,9 @@ pub struct Status {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Mode {
     /// Drives off.
-    Disarmed,
+    Disabled,
     /// Drives on, running the table.
-    Armed,
+    Enabled,
     /// Drives off, ticking for the host.
     LockStep,
 }
@@ -333,7 +333,7 @@ pub struct Interlocks {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Refusal {
-    /// Armed, or in lock-step; the request needs a disarmed arm.
+    /// Enabled, or in lock-step; the request needs a disabled arm.
     Busy,
     /// Not in lock-step; the request needs it.
     NotInLockStep,
@@ -366,7 +366,7 @@ pub enum Refusal {
 impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Busy => f.write_str("armed or in lock-step: disarm, or stop lock-step, first"),
+            Self::Busy => f.write_str("enabled or in lock-step: disable, or stop lock-step, first"),
             Self::NotInLockStep => f.write_str("not in lock-step: start it first"),
             Self::Table(error) => write!(f, "the slot {error}"),
             Self::NoTable(a, b) => write!(f, "no usable table: slot A {a}, slot B {b}"),
@@ -531,18 +531,18 @@ mod tests {
             (Some(Slot::A), &[VERSION, 2, 1, 0]),
             (Some(Slot::B), &[VERSION, 2, 1, 1]),
         ] {
-            assert_eq!(frame(&Request::Arm { slot }), raw_frame(bytes));
+            assert_eq!(frame(&Request::Enable { slot }), raw_frame(bytes));
         }
         // The request of version 1, which had no slot.
         let mut receiver = Receiver::new();
         assert!(feed(&mut receiver, &raw_frame(&[VERSION, 2])).is_empty());
         assert_eq!(receiver.errors().message, 1);
-        let armed = Reply::Armed {
+        let enabled = Reply::Enabled {
             slot: Slot::B,
             table: TABLE,
         };
         let body = [VERSION, 7, 1, 0xb4, 0x24, 1, 0x90, 0x4e];
-        assert_eq!(frame(&armed), raw_frame(&body));
+        assert_eq!(frame(&enabled), raw_frame(&body));
     }
 
     #[test]
@@ -641,7 +641,7 @@ mod tests {
             *count(&mut expect) += 1;
             assert!(feed(&mut receiver, bytes).is_empty());
             assert_eq!(receiver.errors(), expect);
-            let arm = Request::Arm { slot: None };
+            let arm = Request::Enable { slot: None };
             assert_eq!(feed(&mut receiver, &frame(&arm)), [arm]);
         };
         let mut long = std::vec![1; FRAME_MAX + 1];
@@ -706,7 +706,7 @@ mod tests {
             prop_assert!(feed(&mut receiver, &whole[..keep.min(whole.len() - 2)]).is_empty());
             prop_assert!(feed(&mut receiver, &[0]).is_empty());
             prop_assert_eq!(dropped(receiver.errors()), 1);
-            prop_assert_eq!(feed(&mut receiver, &frame(&Request::Disarm)), [Request::Disarm]);
+            prop_assert_eq!(feed(&mut receiver, &frame(&Request::Disable)), [Request::Disable]);
         }
 
         #[test]

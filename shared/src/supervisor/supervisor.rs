@@ -1,4 +1,4 @@
-//! Disarmed, armed or lock-step: the control tick as the board's interrupt runs it.
+//! Disabled, enabled or lock-step: the control tick as the board's interrupt runs it.
 //!
 //! [`Control::tick`] samples, decides by [`Mode`], runs the one controller and commands.
 //! It runs in the highest-priority interrupt, for the timer and in lock-step alike, and
@@ -9,8 +9,8 @@ use crate::control::Controller;
 use crate::fault::Fault;
 use crate::link::{Interlocks, Mode, RawSample, Refusal, SensorReport, TickReply};
 use crate::signals::{Limiting, Measurement};
-use crate::supervisor::arming::{Condition, SafetyLimits, Standing, Watch};
 use crate::supervisor::board::{Drives, Inputs, Sensors, Stopwatch, TickBoard, Timebase};
+use crate::supervisor::enabling::{Condition, SafetyLimits, Standing, Watch};
 use crate::supervisor::sensing::{Calibration, Sensing};
 
 /// A place for a controller. There are two, the tick's and the one in which the main loop
@@ -54,7 +54,7 @@ pub struct Control<'a> {
 }
 
 impl<'a> Control<'a> {
-    /// Disarmed and not homed. `place` is where the controllers will be.
+    /// Disabled and not homed. `place` is where the controllers will be.
     pub fn new<S: Sensors, D, T, W>(
         board: &mut TickBoard<S, D, T, W>,
         place: &'a mut Prepared<'a>,
@@ -69,7 +69,7 @@ impl<'a> Control<'a> {
         };
         *place = None;
         Self {
-            mode: Mode::Disarmed,
+            mode: Mode::Disabled,
             controller: place,
             limits: *limits,
             sensing: Sensing::new(calibration, tick_rate_hz, &first),
@@ -126,11 +126,11 @@ impl<'a> Control<'a> {
                     self.outbox.sequence = self.inbox.0;
                 }
             }
-            Mode::Armed | Mode::Disarmed => {
+            Mode::Enabled | Mode::Disabled => {
                 if !timer {
                     board.timebase.run(true);
                 }
-                if self.mode == Mode::Armed
+                if self.mode == Mode::Enabled
                     && let Some(controller) = self.controller
                 {
                     let condition = Condition {
@@ -144,7 +144,7 @@ impl<'a> Control<'a> {
                     run(controller, &self.sensing.measurement(), &mut self.outbox);
                     if self.outbox.fault.is_some() {
                         self.fault = self.outbox.fault;
-                        self.mode = Mode::Disarmed;
+                        self.mode = Mode::Disabled;
                     } else {
                         torque = Some(self.outbox.torque);
                     }
@@ -163,18 +163,18 @@ impl<'a> Control<'a> {
 
     /// Enables the drives from the next tick on and runs the `prepared` controller, which
     /// it takes in exchange for the one before. The caller has checked that it may.
-    pub fn arm(&mut self, prepared: &mut &'a mut Prepared<'a>) {
+    pub fn enable(&mut self, prepared: &mut &'a mut Prepared<'a>) {
         core::mem::swap(&mut self.controller, prepared);
         self.watch = Watch::new(&self.limits);
         self.late = false;
         // Until the first tick a report must not show where the run before ended.
         self.outbox.tick = 0;
-        self.mode = Mode::Armed;
+        self.mode = Mode::Enabled;
     }
 
     /// Drives off from the next tick on; ends lock-step too.
-    pub fn disarm(&mut self) {
-        self.mode = Mode::Disarmed;
+    pub fn disable(&mut self) {
+        self.mode = Mode::Disabled;
     }
 
     /// From the next tick on the host's measurements run the `prepared` controller. The
@@ -217,9 +217,9 @@ impl<'a> Control<'a> {
     /// The arm stands at its home pose.
     ///
     /// # Errors
-    /// [`Refusal::Busy`] unless disarmed.
+    /// [`Refusal::Busy`] unless disabled.
     pub fn home(&mut self) -> Result<(), Refusal> {
-        if self.mode != Mode::Disarmed {
+        if self.mode != Mode::Disabled {
             return Err(Refusal::Busy);
         }
         self.sensing.home();
@@ -227,12 +227,12 @@ impl<'a> Control<'a> {
         Ok(())
     }
 
-    /// Forgets the latched fault. A cause that still stands refuses the next arming.
+    /// Forgets the latched fault. A cause that still stands refuses the next enabling.
     pub fn acknowledge(&mut self) {
         self.fault = None;
     }
 
-    /// What [`crate::supervisor::arming::may_arm`] wants to know.
+    /// What [`crate::supervisor::enabling::check_enable`] wants to know.
     pub fn standing(&self) -> Standing {
         Standing {
             latched: self.fault,
@@ -262,8 +262,8 @@ impl<'a> Control<'a> {
     /// stopwatch counts.
     pub fn report(&self) -> (Mode, u32, Option<Fault>, u32, u32) {
         let tick = match self.mode {
-            Mode::Disarmed => 0,
-            Mode::Armed | Mode::LockStep => self.outbox.tick,
+            Mode::Disabled => 0,
+            Mode::Enabled | Mode::LockStep => self.outbox.tick,
         };
         (
             self.mode,
@@ -436,10 +436,10 @@ mod tests {
             }
         }
 
-        fn armed() -> Self {
+        fn enabled() -> Self {
             let mut rig = Self::new();
             rig.tick();
-            rig.control.arm(&mut rig.prepared);
+            rig.control.enable(&mut rig.prepared);
             rig.tick();
             rig
         }
@@ -454,13 +454,13 @@ mod tests {
     }
 
     #[test]
-    fn it_starts_disarmed_with_drives_off() {
+    fn it_starts_disabled_with_drives_off() {
         let mut rig = Rig::new();
         rig.board.drives.torque = Some([1.0; 2]);
         rig.tick();
         assert_eq!(rig.torque(), None);
         let (mode, tick, fault, ticks, counts) = rig.control.report();
-        assert_eq!((mode, tick, fault, ticks), (Mode::Disarmed, 0, None, 1));
+        assert_eq!((mode, tick, fault, ticks), (Mode::Disabled, 0, None, 1));
         assert_eq!(counts, 7);
         let standing = rig.control.standing();
         assert_eq!((standing.latched, standing.homed), (None, false));
@@ -477,29 +477,29 @@ mod tests {
         rig.control.home().unwrap();
         assert!(rig.control.standing().homed && rig.control.sensors().homed);
         assert!((rig.control.standing().measured.angle[0] - 0.5).abs() < 1e-6);
-        rig.control.arm(&mut rig.prepared);
+        rig.control.enable(&mut rig.prepared);
         assert_eq!(rig.control.home(), Err(Refusal::Busy));
-        rig.control.disarm();
+        rig.control.disable();
         assert!(rig.control.standing().homed);
         rig.control.start_lock_step(&mut rig.prepared);
         assert_eq!(rig.control.home(), Err(Refusal::Busy));
-        rig.control.disarm();
+        rig.control.disable();
         assert!(!rig.control.standing().homed);
     }
 
     #[test]
-    fn armed_it_commands_and_disarmed_it_stops() {
-        let mut rig = Rig::armed();
+    fn enabled_it_commands_and_disabled_it_stops() {
+        let mut rig = Rig::enabled();
         assert!(rig.torque().is_some_and(planned));
         rig.tick();
         assert_eq!(rig.control.report().1, 1);
-        rig.control.disarm();
+        rig.control.disable();
         rig.tick();
         assert_eq!(rig.torque(), None);
     }
 
     #[test]
-    fn every_cause_stops_an_armed_arm_at_once_and_is_latched() {
+    fn every_cause_stops_an_enabled_arm_at_once_and_is_latched() {
         type Cause = fn(&mut Rig);
         let causes: [(Fault, Cause); 7] = [
             (Fault::EmergencyStop, |rig| {
@@ -538,12 +538,12 @@ mod tests {
             }),
         ];
         for (fault, cause) in causes {
-            let mut rig = Rig::armed();
+            let mut rig = Rig::enabled();
             cause(&mut rig);
             rig.tick();
             assert_eq!(rig.torque(), None, "{fault}");
             let (mode, _, latched, ..) = rig.control.report();
-            assert_eq!((mode, latched), (Mode::Disarmed, Some(fault)));
+            assert_eq!((mode, latched), (Mode::Disabled, Some(fault)));
             assert_eq!(rig.control.standing().latched, Some(fault));
             rig.tick();
             assert_eq!(rig.torque(), None);
@@ -559,7 +559,7 @@ mod tests {
         assert!(!report.raw.fresh && !report.interlocks.stop_released);
         let modes: [fn(&mut Rig); 3] = [
             |_| {},
-            |rig| rig.control.arm(&mut rig.prepared),
+            |rig| rig.control.enable(&mut rig.prepared),
             |rig| rig.control.start_lock_step(&mut rig.prepared),
         ];
         for (i, mode) in modes.into_iter().enumerate() {
@@ -587,23 +587,23 @@ mod tests {
     }
 
     #[test]
-    fn armed_again_it_reports_the_tables_first_tick_at_once() {
-        let mut rig = Rig::armed();
+    fn enabled_again_it_reports_the_tables_first_tick_at_once() {
+        let mut rig = Rig::enabled();
         rig.tick();
         rig.tick();
         assert_eq!(rig.control.report().1, 2);
-        rig.control.disarm();
+        rig.control.disable();
         rig.tick();
         *rig.prepared = Some(controller());
-        rig.control.arm(&mut rig.prepared);
+        rig.control.enable(&mut rig.prepared);
         assert_eq!(rig.control.report().1, 0);
         rig.tick();
         assert_eq!(rig.control.report().1, 0);
     }
 
     #[test]
-    fn requests_keep_an_armed_arm_going() {
-        let mut rig = Rig::armed();
+    fn requests_keep_an_enabled_arm_going() {
+        let mut rig = Rig::enabled();
         for _ in 0..5 * LIMITS.link_timeout_ticks {
             rig.control.heard();
             rig.tick();
@@ -632,7 +632,7 @@ mod tests {
             assert_eq!(rig.torque(), None);
             assert!(rig.control.alive());
         }
-        rig.control.disarm();
+        rig.control.disable();
         rig.tick();
         assert!(rig.board.timebase.running);
         assert!(rig.control.alive());

@@ -91,7 +91,7 @@ pub const CALIBRATION: Calibration = Calibration {
 const DRIVE_FULL_SCALE_NM: [f32; 2] = [40.0, 4.0];
 /// Largest torques that the drives can be asked for, N m. The converter's output buffer ends
 /// 0.2 V from either rail (datasheet, DAC characteristics): 1.45 V of 1.65 V. The law's own limits are
-/// never wider when the arm is armed.
+/// never wider when the arm is enabled.
 pub const DRIVE_LIMIT_NM: [f64; 2] = {
     let usable = 1.45 / 1.65;
     [
@@ -115,7 +115,7 @@ pub const DRIVES: [DriveScale; 2] = [
 
 // --- Safety ----------------------------------------------------------------------------
 
-/// Limits for arming and for staying armed.
+/// Limits for enabling and for staying enabled.
 pub const SAFETY: SafetyLimits = SafetyLimits {
     // The law corrects force, not position: 0.01 rad at either joint is 5 mm at the tip.
     start_rad: [0.01, 0.01, 0.02],

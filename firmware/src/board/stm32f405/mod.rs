@@ -19,7 +19,7 @@
 //!
 //! QEMU's `olimex-stm32-h405` has USART1 and TIM2 to TIM5 (without encoder mode); GPIO,
 //! converters, watchdog and cycle counter read 0. Zero means: stop pressed, drives unwell, no
-//! new conversion, so the arm cannot be armed there.
+//! new conversion, so the arm cannot be enabled there.
 
 pub mod constants;
 

@@ -1,7 +1,7 @@
 //! When the drives may be enabled, and when they must not stay so.
 //!
-//! The arm starts disarmed. [`may_arm`] decides on a request to arm; [`Watch`] looks at
-//! every tick of an armed arm and names the [`Fault`] that ends it. A fault is latched
+//! The arm starts disabled. [`check_enable`] decides on a request to enable; [`Watch`] looks at
+//! every tick of an enabled arm and names the [`Fault`] that ends it. A fault is latched
 //! by the caller until the host acknowledges it. The declared fallback of every fault is
 //! the same: torques zero, drives off.
 
@@ -14,10 +14,10 @@ use crate::table::{Slot, SlotError};
 /// Limits of this module.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SafetyLimits {
-    /// Largest deviation of the arm from the table's first row when it is armed, of
+    /// Largest deviation of the arm from the table's first row when it is enabled, of
     /// theta10, theta20 and root slope, rad.
     pub start_rad: [f32; 3],
-    /// Ticks without a request after which an armed arm stops.
+    /// Ticks without a request after which an enabled arm stops.
     pub link_timeout_ticks: u32,
 }
 
@@ -50,7 +50,7 @@ impl Condition {
     }
 }
 
-/// What decides whether an arm may be armed.
+/// What decides whether an arm may be enabled.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Standing {
     /// The latched fault.
@@ -63,12 +63,12 @@ pub struct Standing {
     pub measured: Measurement<f32>,
 }
 
-/// The table to arm with, and its slot: the `wanted` slot's and no other, or without a wish
+/// The table to enable with, and its slot: the `wanted` slot's and no other, or without a wish
 /// slot A's, or slot B's where A has none that is usable. `open` opens a slot's table.
 ///
 /// # Errors
 /// [`Refusal::Table`] for a wanted slot, [`Refusal::NoTable`] without a wish.
-pub fn table_to_arm<T>(
+pub fn select_table<T>(
     wanted: Option<Slot>,
     mut open: impl FnMut(Slot) -> Result<T, SlotError>,
 ) -> Result<(Slot, T), Refusal> {
@@ -85,11 +85,11 @@ pub fn table_to_arm<T>(
     }
 }
 
-/// Whether an arm with a usable table may be armed.
+/// Whether an arm with a usable table may be enabled.
 ///
 /// # Errors
 /// The first [`Refusal`] that applies.
-pub fn may_arm(
+pub fn check_enable(
     limits: &SafetyLimits,
     standing: &Standing,
     first_row: &Reference<f32>,
@@ -122,7 +122,7 @@ pub fn may_arm(
 ///
 /// # Errors
 /// [`Refusal::TooMuchTorque`].
-pub fn may_plan(planned_nm: [f32; 2], limits: &LimitParameters) -> Result<(), Refusal> {
+pub fn check_torque_bound(planned_nm: [f32; 2], limits: &LimitParameters) -> Result<(), Refusal> {
     let within = |joint: usize| f64::from(planned_nm[joint]) <= limits.torque_nm[joint];
     if within(0) && within(1) {
         Ok(())
@@ -134,7 +134,7 @@ pub fn may_plan(planned_nm: [f32; 2], limits: &LimitParameters) -> Result<(), Re
     }
 }
 
-/// Watches an armed arm from tick to tick.
+/// Watches an enabled arm from tick to tick.
 #[derive(Clone, Copy, Debug)]
 pub struct Watch {
     link_timeout_ticks: u32,
@@ -225,7 +225,7 @@ mod tests {
     fn without_a_wish_slot_a_comes_first_and_a_wish_is_never_replaced() {
         type Slots = [Result<u8, SlotError>; 2];
         let choose = |wanted, slots: Slots| {
-            table_to_arm(wanted, |slot| match slot {
+            select_table(wanted, |slot| match slot {
                 Slot::A => slots[0],
                 Slot::B => slots[1],
             })
@@ -247,8 +247,8 @@ mod tests {
     }
 
     #[test]
-    fn an_arm_at_the_start_with_good_inputs_may_be_armed() {
-        assert_eq!(may_arm(&LIMITS, &at_start(), &row()), Ok(()));
+    fn an_arm_at_the_start_with_good_inputs_may_be_enabled() {
+        assert_eq!(check_enable(&LIMITS, &at_start(), &row()), Ok(()));
     }
 
     #[test]
@@ -256,7 +256,7 @@ mod tests {
         let refusal = |change: &dyn Fn(&mut Standing)| {
             let mut standing = at_start();
             change(&mut standing);
-            may_arm(&LIMITS, &standing, &row()).unwrap_err()
+            check_enable(&LIMITS, &standing, &row()).unwrap_err()
         };
         assert_eq!(
             refusal(&|s| s.latched = Some(Fault::Drive)),
@@ -284,15 +284,15 @@ mod tests {
             torque_nm: [20.0, 2.0],
             torque_rate_nm_s: [1e3; 2],
         };
-        assert_eq!(may_plan([20.0, 2.0], &limits), Ok(()));
+        assert_eq!(check_torque_bound([20.0, 2.0], &limits), Ok(()));
         for planned_nm in [[20.1, 1.0], [1.0, 2.1], [f32::NAN, 0.0]] {
-            let refusal = may_plan(planned_nm, &limits).unwrap_err();
+            let refusal = check_torque_bound(planned_nm, &limits).unwrap_err();
             assert!(matches!(refusal, Refusal::TooMuchTorque { .. }));
         }
     }
 
     #[test]
-    fn an_armed_arm_stops_for_each_cause() {
+    fn an_enabled_arm_stops_for_each_cause() {
         let mut watch = Watch::new(&LIMITS);
         assert_eq!(watch.tick(&GOOD, false), None);
         for (fault, condition) in bad() {
