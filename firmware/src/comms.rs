@@ -8,7 +8,7 @@ use flexor::link::{
     FRAME_MAX, FrameErrors, Identity, Reply, Request, Setup, StartReason, Status, encode,
 };
 use flexor::link::{Mode, Refusal};
-use flexor::supervisor::{Control, Prepared, check_enable, check_torque_bound, select_table};
+use flexor::supervisor::{Prepared, Supervisor, check_enable, check_torque_bound, select_table};
 use flexor::table::{Slot, Table, TableIdentity};
 use rtic::Mutex;
 
@@ -71,40 +71,40 @@ impl Comms {
     pub fn answer(
         &mut self,
         request: &Request,
-        control: &mut impl Mutex<T = Control<'static>>,
+        supervisor: &mut impl Mutex<T = Supervisor<'static>>,
         lost: (FrameErrors, u32),
         pend: impl Fn(),
     ) -> Reply {
-        control.lock(Control::heard);
+        supervisor.lock(Supervisor::heard);
         let done = match *request {
             Request::Hello => return self.identity(),
-            Request::Status => return status(control, lost),
-            Request::Sensors => return Reply::Sensors(control.lock(|c| c.sensors())),
-            Request::Enable { slot } => match self.enable(slot, control) {
+            Request::Status => return status(supervisor, lost),
+            Request::Sensors => return Reply::Sensors(supervisor.lock(|c| c.sensors())),
+            Request::Enable { slot } => match self.enable(slot, supervisor) {
                 Ok((slot, table)) => return Reply::Enabled { slot, table },
                 Err(refusal) => Err(refusal),
             },
             Request::Disable => {
-                control.lock(Control::disable);
+                supervisor.lock(Supervisor::disable);
                 // If the timer rested for lock-step, this tick starts it again.
                 pend();
                 Ok(())
             }
             Request::Acknowledge => {
-                control.lock(Control::acknowledge);
+                supervisor.lock(Supervisor::acknowledge);
                 Ok(())
             }
-            Request::Home => control.lock(Control::home),
+            Request::Home => supervisor.lock(Supervisor::home),
             Request::StartLockStep { slot, setup } => {
-                match self.start_lock_step(slot, &setup, control) {
+                match self.start_lock_step(slot, &setup, supervisor) {
                     Ok(table) => return Reply::LockStep(table),
                     Err(refusal) => Err(refusal),
                 }
             }
             Request::StopLockStep => {
-                let running = control.lock(|c| c.report().0 == Mode::LockStep);
+                let running = supervisor.lock(|c| c.report().0 == Mode::LockStep);
                 if running {
-                    control.lock(Control::disable);
+                    supervisor.lock(Supervisor::disable);
                     pend();
                     Ok(())
                 } else {
@@ -115,7 +115,7 @@ impl Comms {
                 if control.lock(|c| c.put(sequence, measured)) {
                     // The tick comes at once, being of higher priority.
                     pend();
-                    return Reply::Command(control.lock(|c| c.result()));
+                    return Reply::Command(supervisor.lock(|c| c.result()));
                 }
                 Err(Refusal::NotInLockStep)
             }
@@ -132,7 +132,7 @@ impl Comms {
     fn enable(
         &mut self,
         slot: Option<Slot>,
-        control: &mut impl Mutex<T = Control<'static>>,
+        supervisor: &mut impl Mutex<T = Supervisor<'static>>,
     ) -> Result<(Slot, TableIdentity), Refusal> {
         if control.lock(|c| c.report().0) != Mode::Disabled {
             return Err(Refusal::Busy);
@@ -142,11 +142,11 @@ impl Comms {
         let fingerprint = setup.arm.fingerprint();
         let (slot, table) = select_table(slot, |slot| flash_slots::open(slot, fingerprint))?;
         let first_row = table.cursor().reference();
-        let standing = control.lock(|c| c.standing());
+        let standing = supervisor.lock(|c| c.standing());
         check_enable(&SAFETY, &standing, &first_row)?;
         check_torque_bound(table.torque_bound(), &setup.limits)?;
         self.prepare(&table, &setup)?;
-        control.lock(|c| c.enable(&mut self.prepared));
+        supervisor.lock(|c| c.enable(&mut self.prepared));
         defmt::info!("enabled, slot {}: table {=u32:#x}", slot, table.crc());
         Ok((slot, TableIdentity::from(&table)))
     }
@@ -155,14 +155,14 @@ impl Comms {
         &mut self,
         slot: Slot,
         setup: &Setup,
-        control: &mut impl Mutex<T = Control<'static>>,
+        supervisor: &mut impl Mutex<T = Supervisor<'static>>,
     ) -> Result<TableIdentity, Refusal> {
         if control.lock(|c| c.report().0) == Mode::Enabled {
             return Err(Refusal::Busy);
         }
         let table = flash_slots::open(slot, setup.arm.fingerprint()).map_err(Refusal::Table)?;
         self.prepare(&table, setup)?;
-        control.lock(|c| c.start_lock_step(&mut self.prepared));
+        supervisor.lock(|c| c.start_lock_step(&mut self.prepared));
         Ok(TableIdentity::from(&table))
     }
 
@@ -175,8 +175,8 @@ impl Comms {
     }
 }
 
-fn status(control: &mut impl Mutex<T = Control<'static>>, lost: (FrameErrors, u32)) -> Reply {
-    let (mode, tick, fault, ticks_total, counts_max) = control.lock(|c| c.report());
+fn status(supervisor: &mut impl Mutex<T = Supervisor<'static>>, lost: (FrameErrors, u32)) -> Reply {
+    let (mode, tick, fault, ticks_total, counts_max) = supervisor.lock(|c| c.report());
     Reply::Status(Status {
         mode,
         tick,

@@ -48,13 +48,13 @@ mod app {
     use crate::{calibrate, comms, crash_record, log, stack};
     use cortex_m::peripheral::syst::SystClkSource;
     use flexor::link::{FRAME_MAX, Mode, Receiver, Reply, Request};
-    use flexor::supervisor::{Control, Prepared};
+    use flexor::supervisor::{Prepared, Supervisor};
     use heapless::spsc::{Consumer, Producer, Queue};
     use stm32f4xx_hal::pac::Interrupt;
 
     #[shared]
     struct Shared {
-        control: Control<'static>,
+        supervisor: Supervisor<'static>,
         /// Received bytes that were lost.
         bytes_lost: u32,
     }
@@ -95,7 +95,7 @@ mod app {
         let (received, from_host) = context.local.receive.split();
         let (to_host, to_send) = context.local.transmit.split();
         let shared = Shared {
-            control: Control::new(
+            supervisor: Supervisor::new(
                 &mut board.tick,
                 context.local.running,
                 &SAFETY,
@@ -118,10 +118,13 @@ mod app {
     }
 
     /// The control tick.
-    #[task(binds = TIM2, priority = 2, shared = [control], local = [board])]
+    #[task(binds = TIM2, priority = 2, shared = [supervisor], local = [board])]
     fn tick(mut context: tick::Context) {
         let board = context.local.board;
-        context.shared.control.lock(|control| control.tick(board));
+        context
+            .shared
+            .supervisor
+            .lock(|supervisor| supervisor.tick(board));
     }
 
     /// Moves bytes between the line and the queues.
@@ -151,10 +154,10 @@ mod app {
     fn wake(_: wake::Context) {}
 
     /// Answers requests and feeds the watchdog.
-    #[idle(shared = [control, bytes_lost], local = [watchdog, comms, from_host, to_host])]
+    #[idle(shared = [supervisor, bytes_lost], local = [watchdog, comms, from_host, to_host])]
     fn idle(mut context: idle::Context) -> ! {
         let local = context.local;
-        let control = &mut context.shared.control;
+        let supervisor = &mut context.shared.supervisor;
         // A reply that does not fit the queue is cut short: the host sees a bad frame,
         // and no host that waits for its answers gets there.
         let to_host = local.to_host;
@@ -173,10 +176,10 @@ mod app {
         let identity = local.comms.identity();
         send(to_host, &identity);
         loop {
-            if control.lock(Control::alive) {
+            if control.lock(Supervisor::alive) {
                 local.watchdog.feed();
             }
-            let (mode, _, latched, ..) = control.lock(|control| control.report());
+            let (mode, _, latched, ..) = supervisor.lock(|supervisor| supervisor.report());
             if debuggable != (mode != Mode::Enabled) {
                 debuggable = !debuggable;
                 local.watchdog.wait_for_debugger(debuggable);
@@ -209,7 +212,7 @@ mod app {
                 let reply =
                     local
                         .comms
-                        .answer(&request, control, (receiver.errors(), lost), || {
+                        .answer(&request, supervisor, (receiver.errors(), lost), || {
                             rtic::pend(Interrupt::TIM2);
                             // Taken before anything that follows.
                             cortex_m::asm::dsb();

@@ -1,8 +1,8 @@
 //! Disabled, enabled or lock-step: the control tick as the board's interrupt runs it.
 //!
-//! [`Control::tick`] samples, decides by [`Mode`], runs the one controller and commands.
+//! [`Supervisor::tick`] samples, decides by [`Mode`], runs the one controller and commands.
 //! It runs in the highest-priority interrupt, for the timer and in lock-step alike, and
-//! does not block, allocate, log or loop. The main loop reaches [`Control`] through short
+//! does not block, allocate, log or loop. The main loop reaches [`Supervisor`] through short
 //! locks: a controller is prepared outside and handed over by exchanging two references.
 
 use crate::control::Controller;
@@ -31,7 +31,7 @@ fn run(controller: &mut Controller<'_, f32>, measured: &Measurement<f32>, result
 
 /// What the tick and the main loop share.
 #[derive(Debug)]
-pub struct Control<'a> {
+pub struct Supervisor<'a> {
     mode: Mode,
     controller: &'a mut Prepared<'a>,
     limits: SafetyLimits,
@@ -53,7 +53,7 @@ pub struct Control<'a> {
     ticks_seen: u32,
 }
 
-impl<'a> Control<'a> {
+impl<'a> Supervisor<'a> {
     /// Disabled and not homed. `place` is where the controllers will be.
     pub fn new<S: Sensors, D, T, W>(
         board: &mut TickBoard<S, D, T, W>,
@@ -352,7 +352,7 @@ mod tests {
 
     struct Rig {
         board: Board,
-        control: Control<'static>,
+        supervisor: Supervisor<'static>,
         prepared: &'static mut Prepared<'static>,
     }
 
@@ -428,10 +428,10 @@ mod tests {
                 stopwatch: bench(),
             };
             let place = Box::leak(Box::new(None));
-            let control = Control::new(&mut board, place, &LIMITS, &CALIBRATION, RATE_HZ);
+            let supervisor = Supervisor::new(&mut board, place, &LIMITS, &CALIBRATION, RATE_HZ);
             Self {
                 board,
-                control,
+                supervisor,
                 prepared: Box::leak(Box::new(Some(controller()))),
             }
         }
@@ -439,13 +439,13 @@ mod tests {
         fn enabled() -> Self {
             let mut rig = Self::new();
             rig.tick();
-            rig.control.enable(&mut rig.prepared);
+            rig.supervisor.enable(&mut rig.prepared);
             rig.tick();
             rig
         }
 
         fn tick(&mut self) {
-            self.control.tick(&mut self.board);
+            self.supervisor.tick(&mut self.board);
         }
 
         fn torque(&self) -> Option<[f32; 2]> {
@@ -459,10 +459,10 @@ mod tests {
         rig.board.drives.torque = Some([1.0; 2]);
         rig.tick();
         assert_eq!(rig.torque(), None);
-        let (mode, tick, fault, ticks, counts) = rig.control.report();
+        let (mode, tick, fault, ticks, counts) = rig.supervisor.report();
         assert_eq!((mode, tick, fault, ticks), (Mode::Disabled, 0, None, 1));
         assert_eq!(counts, 7);
-        let standing = rig.control.standing();
+        let standing = rig.supervisor.standing();
         assert_eq!((standing.latched, standing.homed), (None, false));
         assert_eq!(standing.condition.fault(), None);
         assert!((standing.measured.angle[0] - 0.5).abs() < 1e-6);
@@ -473,18 +473,18 @@ mod tests {
         let mut rig = Rig::new();
         rig.board.sensors.sample.encoder = [300, 0];
         rig.tick();
-        assert!((rig.control.standing().measured.angle[0] - 0.8).abs() < 1e-6);
-        rig.control.home().unwrap();
-        assert!(rig.control.standing().homed && rig.control.sensors().homed);
-        assert!((rig.control.standing().measured.angle[0] - 0.5).abs() < 1e-6);
-        rig.control.enable(&mut rig.prepared);
-        assert_eq!(rig.control.home(), Err(Refusal::Busy));
-        rig.control.disable();
-        assert!(rig.control.standing().homed);
-        rig.control.start_lock_step(&mut rig.prepared);
-        assert_eq!(rig.control.home(), Err(Refusal::Busy));
-        rig.control.disable();
-        assert!(!rig.control.standing().homed);
+        assert!((rig.supervisor.standing().measured.angle[0] - 0.8).abs() < 1e-6);
+        rig.supervisor.home().unwrap();
+        assert!(rig.supervisor.standing().homed && rig.supervisor.sensors().homed);
+        assert!((rig.supervisor.standing().measured.angle[0] - 0.5).abs() < 1e-6);
+        rig.supervisor.enable(&mut rig.prepared);
+        assert_eq!(rig.supervisor.home(), Err(Refusal::Busy));
+        rig.supervisor.disable();
+        assert!(rig.supervisor.standing().homed);
+        rig.supervisor.start_lock_step(&mut rig.prepared);
+        assert_eq!(rig.supervisor.home(), Err(Refusal::Busy));
+        rig.supervisor.disable();
+        assert!(!rig.supervisor.standing().homed);
     }
 
     #[test]
@@ -492,8 +492,8 @@ mod tests {
         let mut rig = Rig::enabled();
         assert!(rig.torque().is_some_and(planned));
         rig.tick();
-        assert_eq!(rig.control.report().1, 1);
-        rig.control.disable();
+        assert_eq!(rig.supervisor.report().1, 1);
+        rig.supervisor.disable();
         rig.tick();
         assert_eq!(rig.torque(), None);
     }
@@ -527,7 +527,7 @@ mod tests {
                 }
             }),
             (Fault::MeasurementNotFinite, |rig| {
-                rig.control.sensing = Sensing::new(
+                rig.supervisor.sensing = Sensing::new(
                     &Calibration {
                         force_n: (f32::INFINITY, 0.0),
                         ..CALIBRATION
@@ -542,25 +542,25 @@ mod tests {
             cause(&mut rig);
             rig.tick();
             assert_eq!(rig.torque(), None, "{fault}");
-            let (mode, _, latched, ..) = rig.control.report();
+            let (mode, _, latched, ..) = rig.supervisor.report();
             assert_eq!((mode, latched), (Mode::Disabled, Some(fault)));
-            assert_eq!(rig.control.standing().latched, Some(fault));
+            assert_eq!(rig.supervisor.standing().latched, Some(fault));
             rig.tick();
             assert_eq!(rig.torque(), None);
-            rig.control.acknowledge();
-            assert_eq!(rig.control.standing().latched, None);
+            rig.supervisor.acknowledge();
+            assert_eq!(rig.supervisor.standing().latched, None);
         }
     }
 
     #[test]
     fn sensors_and_interlocks_are_reported_in_every_mode() {
         let mut rig = Rig::new();
-        let report = rig.control.sensors();
+        let report = rig.supervisor.sensors();
         assert!(!report.raw.fresh && !report.interlocks.stop_released);
         let modes: [fn(&mut Rig); 3] = [
             |_| {},
-            |rig| rig.control.enable(&mut rig.prepared),
-            |rig| rig.control.start_lock_step(&mut rig.prepared),
+            |rig| rig.supervisor.enable(&mut rig.prepared),
+            |rig| rig.supervisor.start_lock_step(&mut rig.prepared),
         ];
         for (i, mode) in modes.into_iter().enumerate() {
             mode(&mut rig);
@@ -576,13 +576,13 @@ mod tests {
                 drives_well: i != 2,
             });
             rig.tick();
-            let report = rig.control.sensors();
+            let report = rig.supervisor.sensors();
             assert_eq!(report.raw, rig.board.sensors.sample);
             assert_eq!(Some(report.interlocks), rig.board.drives.interlocks);
             assert!((report.measured.force - 1.0).abs() < 1e-6);
             let slope = (f32::from(count) - 2048.0) * 1e-3;
             assert!((report.measured.root_slope - slope).abs() < 1e-6);
-            assert_eq!(rig.control.standing().condition.fresh, i != 0);
+            assert_eq!(rig.supervisor.standing().condition.fresh, i != 0);
         }
     }
 
@@ -591,21 +591,21 @@ mod tests {
         let mut rig = Rig::enabled();
         rig.tick();
         rig.tick();
-        assert_eq!(rig.control.report().1, 2);
-        rig.control.disable();
+        assert_eq!(rig.supervisor.report().1, 2);
+        rig.supervisor.disable();
         rig.tick();
         *rig.prepared = Some(controller());
-        rig.control.enable(&mut rig.prepared);
-        assert_eq!(rig.control.report().1, 0);
+        rig.supervisor.enable(&mut rig.prepared);
+        assert_eq!(rig.supervisor.report().1, 0);
         rig.tick();
-        assert_eq!(rig.control.report().1, 0);
+        assert_eq!(rig.supervisor.report().1, 0);
     }
 
     #[test]
     fn requests_keep_an_enabled_arm_going() {
         let mut rig = Rig::enabled();
         for _ in 0..5 * LIMITS.link_timeout_ticks {
-            rig.control.heard();
+            rig.supervisor.heard();
             rig.tick();
         }
         assert!(rig.torque().is_some());
@@ -614,8 +614,8 @@ mod tests {
     #[test]
     fn in_lock_step_the_host_gives_the_pace_and_the_drives_stay_off() {
         let mut rig = Rig::new();
-        assert!(!rig.control.put(1, Measurement::default()));
-        rig.control.start_lock_step(&mut rig.prepared);
+        assert!(!rig.supervisor.put(1, Measurement::default()));
+        rig.supervisor.start_lock_step(&mut rig.prepared);
         // The timer's last tick; it rests from then on.
         rig.tick();
         assert!(!rig.board.timebase.running);
@@ -624,18 +624,18 @@ mod tests {
         rig.board.drives.interlocks.as_mut().unwrap().stop_released = false;
         rig.board.sensors.sample.fresh = false;
         for sequence in 7..10 {
-            assert!(rig.control.put(sequence, Measurement::default()));
+            assert!(rig.supervisor.put(sequence, Measurement::default()));
             rig.tick();
-            let reply = rig.control.result();
+            let reply = rig.supervisor.result();
             assert_eq!((reply.sequence, reply.tick), (sequence, sequence - 7));
             assert!(planned(reply.torque) && reply.counts == 7);
             assert_eq!(rig.torque(), None);
-            assert!(rig.control.alive());
+            assert!(rig.supervisor.alive());
         }
-        rig.control.disable();
+        rig.supervisor.disable();
         rig.tick();
         assert!(rig.board.timebase.running);
-        assert!(rig.control.alive());
-        assert!(!rig.control.alive(), "no tick since");
+        assert!(rig.supervisor.alive());
+        assert!(!rig.supervisor.alive(), "no tick since");
     }
 }
