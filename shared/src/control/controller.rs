@@ -8,7 +8,7 @@
 //! [`Controller::restart`].
 
 use crate::control::law::{Law, LawParameters, LawState};
-use crate::control::limiter::{Guard, LimitParameters};
+use crate::control::limiter::{LimitParameters, TorqueLimiter};
 use crate::fault::Fault;
 use crate::model::ArmParameters;
 use crate::number::Scalar;
@@ -44,7 +44,7 @@ pub struct Coefficients<T: Scalar> {
     /// Formats of the signals.
     pub formats: Formats<T::Format>,
     law: Law<T>,
-    guard: Guard<T>,
+    limiter: TorqueLimiter<T>,
 }
 
 impl<T: Scalar> Coefficients<T> {
@@ -61,7 +61,7 @@ impl<T: Scalar> Coefficients<T> {
             tick_rate_hz,
             formats: *formats,
             law: Law::in_formats(law, arm, tick_rate_hz, formats),
-            guard: Guard::in_formats(limits, tick_rate_hz, formats.torque),
+            limiter: TorqueLimiter::in_formats(limits, tick_rate_hz, formats.torque),
         }
     }
 
@@ -118,7 +118,7 @@ impl core::error::Error for Mismatch {}
 #[derive(Clone, Debug)]
 pub struct Controller<'a, T: Scalar> {
     law: Law<T>,
-    guard: Guard<T>,
+    limiter: TorqueLimiter<T>,
     table: Table<'a>,
     cursor: Cursor<'a, T>,
     state: LawState<T::Sum>,
@@ -142,8 +142,8 @@ impl<'a, T: Scalar<Format = ()>> Controller<'a, T> {
         table.check_arm(arm.fingerprint())?;
         let rate = table.header().tick_rate_hz;
         let law = Law::new(law, arm, rate);
-        let guard = Guard::new(limits, rate);
-        Ok(Self::starting(law, guard, table, table.cursor()))
+        let limiter = TorqueLimiter::new(limits, rate);
+        Ok(Self::starting(law, limiter, table, table.cursor()))
     }
 }
 
@@ -163,16 +163,21 @@ impl<'a, T: Scalar> Controller<'a, T> {
             .map_err(|column| Mismatch::Range { column })?;
         Ok(Self::starting(
             coefficients.law,
-            coefficients.guard,
+            coefficients.limiter,
             table,
             cursor,
         ))
     }
 
-    fn starting(law: Law<T>, guard: Guard<T>, table: &Table<'a>, cursor: Cursor<'a, T>) -> Self {
+    fn starting(
+        law: Law<T>,
+        limiter: TorqueLimiter<T>,
+        table: &Table<'a>,
+        cursor: Cursor<'a, T>,
+    ) -> Self {
         Self {
             law,
-            guard,
+            limiter,
             table: *table,
             cursor,
             state: LawState::default(),
@@ -227,10 +232,10 @@ impl<'a, T: Scalar> Controller<'a, T> {
             let proposal =
                 self.law
                     .propose(&mut self.state, &reference, measured, &mut self.saturations);
-            if measured.drive == limiting && self.guard.permits(self.previous, proposal.torque) {
+            if measured.drive == limiting && self.limiter.permits(self.previous, proposal.torque) {
                 torque = proposal.torque;
             } else {
-                match self.guard.limit(self.previous, proposal.torque) {
+                match self.limiter.limit(self.previous, proposal.torque) {
                     Ok((given, limited)) => {
                         torque = given;
                         limiting = limited;

@@ -20,7 +20,7 @@ pub struct LimitParameters {
 
 impl LimitParameters {
     /// These limits, the torques no larger than `torque_nm`: what the drives can give. The
-    /// law then learns of every limit from the guard, and its integral does not wind up
+    /// law then learns of every limit from the limiter, and its integral does not wind up
     /// against one that it cannot see.
     #[must_use]
     pub fn at_most(&self, torque_nm: [f64; 2]) -> Self {
@@ -34,19 +34,19 @@ impl LimitParameters {
 /// The limits in the tick's number type.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "")]
-pub struct Guard<T: Scalar> {
+pub struct TorqueLimiter<T: Scalar> {
     torque: [T; 2],
     step: [T; 2],
 }
 
-impl<T: Scalar<Format = ()>> Guard<T> {
+impl<T: Scalar<Format = ()>> TorqueLimiter<T> {
     /// The limits at `tick_rate_hz`, in floating point.
     pub fn new(limits: &LimitParameters, tick_rate_hz: u32) -> Self {
         Self::in_formats(limits, tick_rate_hz, [(); 2])
     }
 }
 
-impl<T: Scalar> Guard<T> {
+impl<T: Scalar> TorqueLimiter<T> {
     /// The limits at `tick_rate_hz`, for torques of the given formats. Limits beyond a
     /// format's range are at its end; one that is negative or NaN is 0.
     pub fn in_formats(limits: &LimitParameters, tick_rate_hz: u32, torque: [T::Format; 2]) -> Self {
@@ -113,20 +113,20 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn guard() -> Guard<f32> {
+    fn limiter() -> TorqueLimiter<f32> {
         let limits = LimitParameters {
             torque_nm: [20.0, 2.0],
             torque_rate_nm_s: [1000.0, 500.0],
         };
-        Guard::new(&limits, 1000)
+        TorqueLimiter::new(&limits, 1000)
     }
 
     #[test]
     fn limits_are_reported_on_their_side() {
-        let (torque, limiting) = guard().limit(None, [25.0, -3.0]).unwrap();
+        let (torque, limiting) = limiter().limit(None, [25.0, -3.0]).unwrap();
         assert_eq!(torque, [20.0, -2.0]);
         assert_eq!(limiting, [Limiting::FromAbove, Limiting::FromBelow]);
-        let (torque, limiting) = guard().limit(Some([0.0, 0.0]), [0.5, 0.7]).unwrap();
+        let (torque, limiting) = limiter().limit(Some([0.0, 0.0]), [0.5, 0.7]).unwrap();
         assert_eq!(torque, [0.5, 0.5]);
         assert_eq!(limiting, [Limiting::No, Limiting::FromAbove]);
     }
@@ -138,15 +138,15 @@ mod tests {
                 torque_nm: [none; 2],
                 torque_rate_nm_s: [1e3; 2],
             };
-            let guard = Guard::<f32>::new(&limits, 1000);
-            assert!(!guard.permits(Some([0.0; 2]), [0.1, -0.1]));
-            assert_eq!(guard.limit(None, [0.1, -0.1]).unwrap().0, [0.0; 2]);
+            let limiter = TorqueLimiter::<f32>::new(&limits, 1000);
+            assert!(!limiter.permits(Some([0.0; 2]), [0.1, -0.1]));
+            assert_eq!(limiter.limit(None, [0.1, -0.1]).unwrap().0, [0.0; 2]);
             let limits = LimitParameters {
                 torque_nm: [20.0; 2],
                 torque_rate_nm_s: [none; 2],
             };
-            let guard = Guard::<f32>::new(&limits, 1000);
-            let (torque, _) = guard.limit(Some([1.0; 2]), [5.0, -5.0]).unwrap();
+            let limiter = TorqueLimiter::<f32>::new(&limits, 1000);
+            let (torque, _) = limiter.limit(Some([1.0; 2]), [5.0, -5.0]).unwrap();
             assert_eq!(torque, [1.0; 2]);
         }
     }
@@ -167,7 +167,7 @@ mod tests {
         fn whatever_leaves_is_finite_and_within_limits(
             a: f32, b: f32, p in -20.0..20.0_f32, q in -2.0..2.0_f32,
         ) {
-            match guard().limit(Some([p, q]), [a, b]) {
+            match limiter().limit(Some([p, q]), [a, b]) {
                 Ok((torque, _)) => {
                     prop_assert!(torque[0].abs() <= 20.0 && torque[1].abs() <= 2.0);
                     prop_assert!((torque[0] - p).abs() <= 1.000_01 && (torque[1] - q).abs() <= 0.500_01);
