@@ -2,7 +2,7 @@
 
 use flexor::control::{Controller, LawParameters, LimitParameters};
 use flexor::fault::Fault;
-use flexor::signals::{Limiting, Measurement};
+use flexor::signals::{Measurement, Saturation};
 use flexor::table::Table;
 use flexor_sim::files::config;
 use flexor_sim::planner::limits::default_limits;
@@ -276,7 +276,7 @@ fn a_limited_integrator_recovers_at_once() {
         root_slope: start.root_slope,
         root_slope_rate: start.root_slope_rate,
         force: 0.0,
-        drive: [Limiting::No; 2],
+        drive: [Saturation::None; 2],
     };
     let integral_after = |limits: &LimitParameters, drive| {
         let mut controller = Controller::new(&opened, &arm, &law, limits).unwrap();
@@ -285,13 +285,13 @@ fn a_limited_integrator_recovers_at_once() {
         }
         controller.state().integral
     };
-    let no = [Limiting::No; 2];
+    let no = [Saturation::None; 2];
     // Wide limits, too, end it somewhere: where joint 2's torque is at 10 N m.
     assert!(integral_after(&wide, no) > 20.0);
     assert!(integral_after(&tight, no) < 0.1);
-    assert!(integral_after(&wide, [Limiting::FromAbove, Limiting::No]) < 0.1);
-    assert!(integral_after(&wide, [Limiting::No, Limiting::FromAbove]) < 0.1);
-    assert!(integral_after(&wide, [Limiting::FromBelow; 2]) > 20.0);
+    assert!(integral_after(&wide, [Saturation::Upper, Saturation::None]) < 0.1);
+    assert!(integral_after(&wide, [Saturation::None, Saturation::Upper]) < 0.1);
+    assert!(integral_after(&wide, [Saturation::Lower; 2]) > 20.0);
 }
 
 #[test]

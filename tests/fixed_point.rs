@@ -4,7 +4,7 @@
 use flexor::control::{Coefficients, Controller, LawParameters, LimitParameters, Mismatch};
 use flexor::number::Scalar;
 use flexor::number::fixed::{Exponent, Fixed};
-use flexor::signals::{Limiting, Measurement};
+use flexor::signals::{Measurement, Saturation};
 use flexor::table::Table;
 use flexor_sim::analysis::fixed_point::accuracy::{ends, measure, random_measurements};
 use flexor_sim::analysis::fixed_point::range::{Analysis, RangeError, analyse};
@@ -117,7 +117,7 @@ fn admissible_measurements_saturate_nothing_but_torques_beyond_their_limits() {
         let after = controller.saturations();
         for joint in 0..2 {
             if after.torque[joint] != before.torque[joint] {
-                assert_ne!(command.limiting[joint], Limiting::No);
+                assert_ne!(command.saturation[joint], Saturation::None);
             }
         }
     }
@@ -158,7 +158,7 @@ fn nothing_drifts_in_ten_million_ticks() {
             root_slope: last.root_slope,
             root_slope_rate: 3e-8,
             force: 2.0 - error,
-            drive: [Limiting::No; 2],
+            drive: [Saturation::None; 2],
         };
         let rounded = Measurement::<Fixed>::from_si(&si, formats);
         (rounded, rounded.to_si(formats))
@@ -251,7 +251,7 @@ proptest! {
         sides in proptest::collection::vec(0..3_usize, 300),
         hostile: bool,
     ) {
-        const SIDES: [Limiting; 3] = [Limiting::No, Limiting::FromAbove, Limiting::FromBelow];
+        const SIDES: [Saturation; 3] = [Saturation::None, Saturation::Upper, Saturation::Lower];
         let paper = &*PAPER;
         let law = if hostile {
             flexor_sim::analysis::fixed_point::accuracy::hostile_law(&law(), paper.plan.tick_rate_hz)

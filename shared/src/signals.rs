@@ -38,7 +38,7 @@ impl<F: Copy> Formats<F> {
 /// How often each signal has saturated since the start: it left its format's range and was
 /// held at the end of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Saturations<C> {
+pub struct SaturationCounts<C> {
     /// Force error and filtered force error.
     pub force: C,
     /// The law's integral.
@@ -53,7 +53,7 @@ pub struct Saturations<C> {
     pub torque: [C; 2],
 }
 
-impl Saturations<u32> {
+impl SaturationCounts<u32> {
     /// The signals' names and counts.
     pub fn entries(&self) -> [(&'static str, u32); 7] {
         [
@@ -136,21 +136,21 @@ impl<T: Copy> Reference<T> {
 
 /// Whether, and on which side, a torque is being limited.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Limiting {
+pub enum Saturation {
     /// Not at a limit.
     #[default]
-    No,
+    None,
     /// More torque (towards +) was asked for than is given.
-    FromAbove,
+    Upper,
     /// Less torque (towards -) was asked for than is given.
-    FromBelow,
+    Lower,
 }
 
-impl Limiting {
+impl Saturation {
     /// This limit, or the `other` where this one is not active.
     #[inline]
     pub fn or(self, other: Self) -> Self {
-        if self == Self::No { other } else { self }
+        if self == Self::None { other } else { self }
     }
 }
 
@@ -166,7 +166,7 @@ pub struct Measurement<T> {
     /// Contact force along the surface normal, pressing positive, N.
     pub force: T,
     /// What the two drives report about the torque they could not give.
-    pub drive: [Limiting; 2],
+    pub drive: [Saturation; 2],
 }
 
 impl<T: Scalar> Measurement<T> {

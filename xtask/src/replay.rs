@@ -11,7 +11,7 @@ use clap::Args;
 use flexor::control::{Coefficients, Command};
 use flexor::fault::Fault;
 use flexor::number::fixed::Fixed;
-use flexor::signals::{Formats, Limiting, Measurement};
+use flexor::signals::{Formats, Measurement, Saturation};
 use flexor_sim::analysis::fixed_point::accuracy::run_fixed;
 use flexor_sim::analysis::fixed_point::range;
 use flexor_sim::simulation::closed_loop::run_with;
@@ -159,13 +159,13 @@ impl Recording {
         ] {
             self.measurements.extend(bits(value).to_le_bytes());
         }
-        let side = |limiting| match limiting {
-            Limiting::No => 0,
-            Limiting::FromAbove => 1,
-            Limiting::FromBelow => 2,
+        let side = |saturation| match saturation {
+            Saturation::None => 0,
+            Saturation::Upper => 1,
+            Saturation::Lower => 2,
         };
         let fault = c.fault.map_or(0, Fault::number);
-        let state = u32::from_le_bytes([side(c.limiting[0]), side(c.limiting[1]), fault, 0]);
+        let state = u32::from_le_bytes([side(c.saturation[0]), side(c.saturation[1]), fault, 0]);
         self.commands
             .push([bits(c.torque[0]), bits(c.torque[1]), state]);
     }

@@ -23,7 +23,7 @@ use flexor::control::{Coefficients, Controller};
 use flexor::fault::Fault;
 use flexor::number::Scalar;
 use flexor::number::fixed::Fixed;
-use flexor::signals::{Limiting, Measurement};
+use flexor::signals::{Measurement, Saturation};
 use flexor::table::Table;
 use semihosting::fs::File;
 use semihosting::io::{Read, Write};
@@ -67,7 +67,7 @@ impl Bits for f32 {
 /// What a tick gives to a drive.
 struct Output<T> {
     torque: [T; 2],
-    limiting: [Limiting; 2],
+    saturation: [Saturation; 2],
     fault: Option<Fault>,
 }
 
@@ -81,7 +81,7 @@ fn flexor_tick<T: Scalar>(
 ) {
     let command = controller.tick(measured);
     output.torque = command.torque;
-    output.limiting = command.limiting;
+    output.saturation = command.saturation;
     output.fault = command.fault;
 }
 
@@ -155,7 +155,7 @@ fn run<T: Bits>(coefficients: &[u8]) -> Option<()> {
     let mut controller = Controller::with(&table, &coefficients).ok()?;
     let mut output = Output {
         torque: [T::ZERO; 2],
-        limiting: [Limiting::No; 2],
+        saturation: [Saturation::None; 2],
         fault: None,
     };
     let mut input = File::open(c"measurements.bin").ok()?;
@@ -185,7 +185,7 @@ fn run<T: Bits>(coefficients: &[u8]) -> Option<()> {
                 root_slope: word(2),
                 root_slope_rate: word(3),
                 force: word(4),
-                drive: [Limiting::No; 2],
+                drive: [Saturation::None; 2],
             };
             let start = SYST::get_current();
             for _ in 0..RUNS {
@@ -201,12 +201,12 @@ fn run<T: Bits>(coefficients: &[u8]) -> Option<()> {
             }
             let counts = both.saturating_sub(since(start));
             flexor_tick(&mut controller, &measured, &mut output);
-            let side = |limiting| match limiting {
-                Limiting::No => 0,
-                Limiting::FromAbove => 1,
-                Limiting::FromBelow => 2,
+            let side = |saturation| match saturation {
+                Saturation::None => 0,
+                Saturation::Upper => 1,
+                Saturation::Lower => 2,
             };
-            let [first, second] = output.limiting.map(side);
+            let [first, second] = output.saturation.map(side);
             let fault = output.fault.map_or(0, Fault::number);
             let state = u32::from_le_bytes([first, second, fault, 0]);
             let words = [

@@ -3,7 +3,7 @@
 
 use crate::planner::plan::Plan;
 use crate::simulation::closed_loop::{Run, Summary};
-use flexor::signals::Limiting;
+use flexor::signals::Saturation;
 use serde_json::{Map, Value, json};
 use std::io::{self, Write};
 
@@ -80,10 +80,10 @@ pub fn run_csv(run: &Run, writer: impl Write) -> io::Result<()> {
         "limited2",
         "force_integral_N",
     ])?;
-    let side = |limiting| match limiting {
-        Limiting::No => 0.0,
-        Limiting::FromAbove => 1.0,
-        Limiting::FromBelow => -1.0,
+    let side = |saturation| match saturation {
+        Saturation::None => 0.0,
+        Saturation::Upper => 1.0,
+        Saturation::Lower => -1.0,
     };
     for row in &run.rows {
         let r = &row.reading;
@@ -101,8 +101,8 @@ pub fn run_csv(run: &Run, writer: impl Write) -> io::Result<()> {
             r.root_slope_rate,
             row.torque[0],
             row.torque[1],
-            side(row.limiting[0]),
-            side(row.limiting[1]),
+            side(row.saturation[0]),
+            side(row.saturation[1]),
             row.integral,
         ];
         csv.write_record(values.map(|x| x.to_string()))?;

@@ -5,7 +5,7 @@ use crate::planner::plan::Plan;
 use crate::plant::{Plant, PlantError, PlantParameters, Reading, Start};
 use flexor::control::{Command, Controller, LawParameters, LimitParameters, Mismatch};
 use flexor::number::Scalar;
-use flexor::signals::{Formats, Limiting, Measurement};
+use flexor::signals::{Formats, Measurement, Saturation};
 use flexor::table::{Table, TableError};
 
 /// Tip error, m, beyond which a run counts as having lost its path: a tenth of the
@@ -26,7 +26,7 @@ pub struct LogRow {
     /// Torques commanded in this tick, N m.
     pub torque: [f64; 2],
     /// How they were limited.
-    pub limiting: [Limiting; 2],
+    pub saturation: [Saturation; 2],
     /// What the law's integral holds, N.
     pub integral: f64,
 }
@@ -147,7 +147,7 @@ pub fn measurement(reading: &Reading) -> Measurement<f64> {
         root_slope: reading.root_slope,
         root_slope_rate: reading.root_slope_rate,
         force: reading.force,
-        drive: [Limiting::No; 2],
+        drive: [Saturation::None; 2],
     }
 }
 
@@ -232,7 +232,7 @@ pub fn run_controller<T: Scalar>(
             tip_reference: point.tip.position,
             force_reference: plan.task.normal_force,
             torque: held,
-            limiting: command.limiting,
+            saturation: command.saturation,
             integral: T::of_sum(controller.state().integral).to_si(formats.force),
         });
         if tick % SHAPE_STRIDE == 0 {
@@ -284,7 +284,7 @@ fn summarise(rows: &[LogRow], outcome: impl Fn(&Summary) -> Outcome) -> Summary 
         torque_max: [0, 1].map(|i| largest(&|r: &LogRow| r.torque[i].abs())),
         limited_ticks: rows
             .iter()
-            .filter(|r| r.limiting != [Limiting::No; 2])
+            .filter(|r| r.saturation != [Saturation::None; 2])
             .count(),
         force_min: rows
             .iter()

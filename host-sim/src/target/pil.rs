@@ -9,7 +9,7 @@ use crate::simulation::closed_loop::{Run, RunError, RunOptions, run_through};
 use crate::target::target::{Processor, ProcessorError};
 use flexor::control::{Command, Controller};
 use flexor::link::{Refusal, Setup, Status, TickReply};
-use flexor::signals::{Limiting, Measurement};
+use flexor::signals::{Measurement, Saturation};
 use flexor::table::{Slot, Table, TableError, TableIdentity};
 use std::time::Instant;
 
@@ -85,7 +85,7 @@ impl PilRun {
 fn same(reply: &TickReply, command: &Command<f32>) -> bool {
     reply.torque.map(f32::to_bits) == command.torque.map(f32::to_bits)
         && reply.tick == command.tick
-        && reply.limiting == command.limiting
+        && reply.saturation == command.saturation
         && reply.fault == command.fault
 }
 
@@ -160,7 +160,7 @@ pub fn run(
                 progress(tick);
                 Some(Command {
                     torque: reply.torque,
-                    limiting: reply.limiting,
+                    saturation: reply.saturation,
                     fault: reply.fault,
                     ..command
                 })
@@ -262,9 +262,9 @@ fn any_value(random: &mut SplitMix) -> f32 {
 
 fn any_measurement(random: &mut SplitMix) -> Measurement<f32> {
     let drive = [(); 2].map(|()| match random.next() % 8 {
-        0 => Limiting::FromAbove,
-        1 => Limiting::FromBelow,
-        _ => Limiting::No,
+        0 => Saturation::Upper,
+        1 => Saturation::Lower,
+        _ => Saturation::None,
     });
     Measurement {
         angle: [any_value(random), any_value(random)],

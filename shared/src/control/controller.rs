@@ -12,7 +12,7 @@ use crate::control::limiter::{LimitParameters, TorqueLimiter};
 use crate::fault::Fault;
 use crate::model::ArmParameters;
 use crate::number::Scalar;
-use crate::signals::{Formats, Limiting, Measurement, Reference, Saturations};
+use crate::signals::{Formats, Measurement, Reference, Saturation, SaturationCounts};
 use crate::table::{Cursor, Table, TableError};
 use core::fmt;
 use serde::{Deserialize, Serialize};
@@ -27,7 +27,7 @@ pub struct Command<T> {
     /// The plan's values at this tick.
     pub reference: Reference<T>,
     /// How each joint's torque was limited in this tick.
-    pub limiting: [Limiting; 2],
+    pub saturation: [Saturation; 2],
     /// The latched fault, if any; the torques are then zero.
     pub fault: Option<Fault>,
 }
@@ -124,7 +124,7 @@ pub struct Controller<'a, T: Scalar> {
     state: LawState<T::Sum>,
     previous: Option<[T; 2]>,
     fault: Option<Fault>,
-    saturations: Saturations<T::Count>,
+    saturations: SaturationCounts<T::Count>,
 }
 
 impl<'a, T: Scalar<Format = ()>> Controller<'a, T> {
@@ -183,7 +183,7 @@ impl<'a, T: Scalar> Controller<'a, T> {
             state: LawState::default(),
             previous: None,
             fault: None,
-            saturations: Saturations::default(),
+            saturations: SaturationCounts::default(),
         }
     }
 
@@ -193,7 +193,7 @@ impl<'a, T: Scalar> Controller<'a, T> {
         self.state = LawState::default();
         self.previous = None;
         self.fault = None;
-        self.saturations = Saturations::default();
+        self.saturations = SaturationCounts::default();
     }
 
     /// Latches a fault that was found outside the controller, unless one is latched
@@ -213,7 +213,7 @@ impl<'a, T: Scalar> Controller<'a, T> {
     }
 
     /// How often each signal has saturated since the start.
-    pub fn saturations(&self) -> &Saturations<T::Count> {
+    pub fn saturations(&self) -> &SaturationCounts<T::Count> {
         &self.saturations
     }
 
@@ -227,18 +227,19 @@ impl<'a, T: Scalar> Controller<'a, T> {
             self.fault = Some(Fault::MeasurementNotFinite);
         }
         let mut torque = [T::ZERO; 2];
-        let mut limiting = [Limiting::No; 2];
+        let mut saturation = [Saturation::None; 2];
         if self.fault.is_none() {
             let proposal =
                 self.law
                     .propose(&mut self.state, &reference, measured, &mut self.saturations);
-            if measured.drive == limiting && self.limiter.permits(self.previous, proposal.torque) {
+            if measured.drive == saturation && self.limiter.permits(self.previous, proposal.torque)
+            {
                 torque = proposal.torque;
             } else {
                 match self.limiter.limit(self.previous, proposal.torque) {
                     Ok((given, limited)) => {
                         torque = given;
-                        limiting = limited;
+                        saturation = limited;
                         let everything =
                             [0, 1].map(|joint| limited[joint].or(measured.drive[joint]));
                         self.law.settle(&mut self.state, &proposal, everything);
@@ -253,7 +254,7 @@ impl<'a, T: Scalar> Controller<'a, T> {
             torque,
             tick,
             reference,
-            limiting,
+            saturation,
             fault: self.fault,
         }
     }

@@ -35,7 +35,7 @@
 
 use crate::model::ArmParameters;
 use crate::number::{Scalar, sine};
-use crate::signals::{Formats, Limiting, Measurement, Reference, Saturations};
+use crate::signals::{Formats, Measurement, Reference, Saturation, SaturationCounts};
 use serde::{Deserialize, Serialize};
 
 /// How a force along the surface normal becomes joint torques.
@@ -328,7 +328,7 @@ impl<T: Scalar> Law<T> {
         state: &mut LawState<T::Sum>,
         reference: &Reference<T>,
         measured: &Measurement<T>,
-        saturations: &mut Saturations<T::Count>,
+        saturations: &mut SaturationCounts<T::Count>,
     ) -> Proposal<T> {
         let error = reference
             .force
@@ -390,17 +390,17 @@ impl<T: Scalar> Law<T> {
         &self,
         state: &mut LawState<T::Sum>,
         proposal: &Proposal<T>,
-        limiting: [Limiting; 2],
+        saturation: [Saturation; 2],
     ) {
         let nothing = T::Sum::default();
         let (more, less) = (proposal.increment > nothing, proposal.increment < nothing);
         let pushed = |joint: usize| {
             let projection = proposal.projection[joint];
             let (along, against) = (projection > T::ZERO, projection < T::ZERO);
-            match limiting[joint] {
-                Limiting::No => false,
-                Limiting::FromAbove => along && more || against && less,
-                Limiting::FromBelow => along && less || against && more,
+            match saturation[joint] {
+                Saturation::None => false,
+                Saturation::Upper => along && more || against && less,
+                Saturation::Lower => along && less || against && more,
             }
         };
         if pushed(0) || pushed(1) {
@@ -491,7 +491,7 @@ mod tests {
             root_slope: 0.17,
             root_slope_rate: 0.25,
             force,
-            drive: [Limiting::No; 2],
+            drive: [Saturation::None; 2],
         }
     }
 
@@ -501,7 +501,7 @@ mod tests {
             state,
             &reference(),
             &measured(force),
-            &mut Saturations::default(),
+            &mut SaturationCounts::default(),
         )
     }
 
@@ -579,16 +579,16 @@ mod tests {
     fn the_integral_stops_at_every_limit_but_may_leave_it() {
         let law = Law::new(&GAINS, &ARM, 1000);
         for joint in 0..2 {
-            let mut limiting = [Limiting::No; 2];
-            limiting[joint] = Limiting::FromAbove;
+            let mut saturation = [Saturation::None; 2];
+            saturation[joint] = Saturation::Upper;
             let mut state = LawState::default();
             // e > 0 and s > 0: the increment pushes up, into the limit.
             let p = propose(&law, &mut state, 0.0);
-            law.settle(&mut state, &p, limiting);
+            law.settle(&mut state, &p, saturation);
             assert_eq!(state.integral, 0.0);
             // e < 0 pushes down, away from it.
             let p = propose(&law, &mut state, 5.0);
-            law.settle(&mut state, &p, limiting);
+            law.settle(&mut state, &p, saturation);
             assert!(state.integral < 0.0);
         }
     }

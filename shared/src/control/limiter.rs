@@ -1,12 +1,12 @@
 //! The last gate before the drives: torque-rate limit, torque limit, finite check.
 //!
 //! Whatever comes in, the torques that leave are finite and within the limits. A
-//! limit in action is reported as [`Limiting`] so that the integrator upstream can
+//! limit in action is reported as [`Saturation`] so that the integrator upstream can
 //! stop; an undefined torque is a [`Fault`], latched by the controller.
 
 use crate::fault::Fault;
 use crate::number::Scalar;
-use crate::signals::Limiting;
+use crate::signals::Saturation;
 use serde::{Deserialize, Serialize};
 
 /// Limits per joint, f64 SI.
@@ -81,9 +81,9 @@ impl<T: Scalar> TorqueLimiter<T> {
         &self,
         previous: Option<[T; 2]>,
         wanted: [T; 2],
-    ) -> Result<([T; 2], [Limiting; 2]), Fault> {
+    ) -> Result<([T; 2], [Saturation; 2]), Fault> {
         let mut given = wanted;
-        let mut limiting = [Limiting::No; 2];
+        let mut saturation = [Saturation::None; 2];
         for joint in 0..2 {
             let (mut low, mut high) = (self.torque[joint].negative(), self.torque[joint]);
             if let Some(previous) = previous {
@@ -95,13 +95,13 @@ impl<T: Scalar> TorqueLimiter<T> {
                 high = high.smaller(previous[joint].plus(step, count));
             }
             if wanted[joint] < low {
-                (given[joint], limiting[joint]) = (low, Limiting::FromBelow);
+                (given[joint], saturation[joint]) = (low, Saturation::Lower);
             } else if wanted[joint] > high {
-                (given[joint], limiting[joint]) = (high, Limiting::FromAbove);
+                (given[joint], saturation[joint]) = (high, Saturation::Upper);
             }
         }
         if T::all_finite(given) {
-            Ok((given, limiting))
+            Ok((given, saturation))
         } else {
             Err(Fault::TorqueNotFinite)
         }
@@ -123,12 +123,12 @@ mod tests {
 
     #[test]
     fn limits_are_reported_on_their_side() {
-        let (torque, limiting) = limiter().limit(None, [25.0, -3.0]).unwrap();
+        let (torque, saturation) = limiter().limit(None, [25.0, -3.0]).unwrap();
         assert_eq!(torque, [20.0, -2.0]);
-        assert_eq!(limiting, [Limiting::FromAbove, Limiting::FromBelow]);
-        let (torque, limiting) = limiter().limit(Some([0.0, 0.0]), [0.5, 0.7]).unwrap();
+        assert_eq!(saturation, [Saturation::Upper, Saturation::Lower]);
+        let (torque, saturation) = limiter().limit(Some([0.0, 0.0]), [0.5, 0.7]).unwrap();
         assert_eq!(torque, [0.5, 0.5]);
-        assert_eq!(limiting, [Limiting::No, Limiting::FromAbove]);
+        assert_eq!(saturation, [Saturation::None, Saturation::Upper]);
     }
 
     #[test]

@@ -28,7 +28,7 @@
 //! | 9 home | `09` |
 //!
 //! A [`Measurement`] is 22 bytes: angle 2 x f32, root slope f32, root slope rate f32, force
-//! f32, drive 2 x ([`Limiting`](crate::signals::Limiting): 0 no, 1 from above, 2 from below).
+//! f32, drive 2 x ([`Saturation`](crate::signals::Saturation): 0 none, 1 upper, 2 lower).
 //!
 //! A [`Setup`] is 158 bytes, or 8 more for each filter corner that is given: arm 11 x
 //! f64 and elbow (0 down, 1 up); law: `K_DF`, `K_PF`, `K_IF`, `K_w` f64, force filter
@@ -43,7 +43,7 @@
 //! | 1 status | `01`, [`Status`]: [`Mode`], tick u32, fault as option, ticks since start, longest tick, stack (u32), [`FrameErrors`] 5 x u32, bytes lost, log entries lost (u32), all varints |
 //! | 2 done | `02` |
 //! | 3 refused | `03`, [`Refusal`] |
-//! | 4 command | `04`, sequence varint, tick varint, torque 2 x f32, limiting 2 x u8, fault number u8 as option, stopwatch counts varint |
+//! | 4 command | `04`, sequence varint, tick varint, torque 2 x f32, saturation 2 x u8, fault number u8 as option, stopwatch counts varint |
 //! | 5 lock-step | `05`, table: CRC u32, arm fingerprint u32, ticks u32, varints |
 //! | 6 log | `06`, number of bytes u8 (as varint), and those: one entry of defmt's raw encoding (wire format 4), read with the symbols of the ELF |
 //! | 7 enabled | `07`, slot, table as above |
@@ -71,7 +71,7 @@ use crate::CRC32;
 use crate::control::{LawParameters, LimitParameters};
 use crate::fault::Fault;
 use crate::model::ArmParameters;
-use crate::signals::{Limiting, Measurement};
+use crate::signals::{Measurement, Saturation};
 use crate::table::{Slot, SlotError, TableIdentity};
 use core::fmt;
 use serde::{Deserialize, Serialize};
@@ -297,7 +297,7 @@ pub struct TickReply {
     /// Torques, N m.
     pub torque: [f32; 2],
     /// How each was limited.
-    pub limiting: [Limiting; 2],
+    pub saturation: [Saturation; 2],
     /// Latched fault, if any.
     pub fault: Option<Fault>,
     /// Stopwatch counts that the tick took: interrupt handler, sensors and all.
@@ -309,7 +309,7 @@ pub struct TickReply {
 pub struct SensorReport {
     /// Counts, and whether the conversions were new.
     pub raw: RawSample,
-    /// What they mean; `drive` is always [`Limiting::No`], as no drive says that it limits.
+    /// What they mean; `drive` is always [`Saturation::None`], as no drive says that it limits.
     pub measured: Measurement<f32>,
     /// Emergency stop and drives.
     pub interlocks: Interlocks,
@@ -423,7 +423,7 @@ mod tests {
     use crate::link::message::{Interlocks, RawSample};
     use crate::link::{FRAME_MAX, Receiver, VERSION, encode};
     use crate::model::Elbow;
-    use crate::signals::Limiting;
+    use crate::signals::Saturation;
     use proptest::prelude::*;
     use std::vec::Vec;
 
@@ -496,7 +496,7 @@ mod tests {
                 root_slope: 0.5,
                 root_slope_rate: f32::from_bits(0xff80_0001),
                 force: f32::from_bits(1),
-                drive: [Limiting::FromAbove, Limiting::FromBelow],
+                drive: [Saturation::Upper, Saturation::Lower],
             },
         };
         let mut body = std::vec![VERSION, 7, 0xac, 0x02];
@@ -509,7 +509,7 @@ mod tests {
             sequence: 1,
             tick: 10_000,
             torque: [-0.0, 1.5],
-            limiting: [Limiting::No, Limiting::FromAbove],
+            saturation: [Saturation::None, Saturation::Upper],
             fault: Some(Fault::LinkTimeout),
             counts: 128,
         });
@@ -561,7 +561,7 @@ mod tests {
                 root_slope: 0.5,
                 root_slope_rate: 0.0,
                 force: 1.5,
-                drive: [Limiting::No; 2],
+                drive: [Saturation::None; 2],
             },
             interlocks: Interlocks {
                 stop_released: true,
@@ -670,9 +670,9 @@ mod tests {
             sequence: u32, bits: [u32; 5], drive in prop::array::uniform2(0..3_u8),
         ) {
             let drive = drive.map(|d| match d {
-                0 => Limiting::No,
-                1 => Limiting::FromAbove,
-                _ => Limiting::FromBelow,
+                0 => Saturation::None,
+                1 => Saturation::Upper,
+                _ => Saturation::Lower,
             });
             let [a, b, c, d, e] = bits.map(f32::from_bits);
             let sent = Request::Measured { sequence, measured: Measurement {

@@ -18,7 +18,7 @@
 //! shows in it as `step * rate`; the law's slope rate filter is what tames that.
 
 use crate::link::RawSample;
-use crate::signals::{Limiting, Measurement};
+use crate::signals::{Measurement, Saturation};
 
 /// How counts become SI values.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -123,7 +123,7 @@ impl Sensing {
             root_slope,
             root_slope_rate: stretch as f32 * self.slope_rate,
             force: (f32::from(self.force) - c.force_n.1) * c.force_n.0,
-            drive: [Limiting::No; 2],
+            drive: [Saturation::None; 2],
         }
     }
 }

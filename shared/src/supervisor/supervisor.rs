@@ -8,7 +8,7 @@
 use crate::control::Controller;
 use crate::fault::Fault;
 use crate::link::{Interlocks, Mode, RawSample, Refusal, SensorReport, TickReply};
-use crate::signals::{Limiting, Measurement};
+use crate::signals::{Measurement, Saturation};
 use crate::supervisor::board::{Drives, Inputs, Sensors, Stopwatch, TickBoard, Timebase};
 use crate::supervisor::enabling::{Condition, SafetyLimits, Standing, Watch};
 use crate::supervisor::sensing::{Calibration, Sensing};
@@ -25,7 +25,7 @@ fn run(controller: &mut Controller<'_, f32>, measured: &Measurement<f32>, result
     let command = controller.tick(measured);
     result.tick = command.tick;
     result.torque = command.torque;
-    result.limiting = command.limiting;
+    result.saturation = command.saturation;
     result.fault = command.fault;
 }
 
@@ -86,7 +86,7 @@ impl<'a> Supervisor<'a> {
                 sequence: 0,
                 tick: 0,
                 torque: [0.0; 2],
-                limiting: [Limiting::No; 2],
+                saturation: [Saturation::None; 2],
                 fault: None,
                 counts: 0,
             },

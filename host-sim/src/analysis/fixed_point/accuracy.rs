@@ -22,7 +22,7 @@ use crate::simulation::closed_loop::{Run, RunError, RunOptions};
 use flexor::control::{Coefficients, Command, Controller, LawParameters, LimitParameters};
 use flexor::number::Scalar;
 use flexor::number::fixed::{Exponent, Fixed};
-use flexor::signals::{Formats, Limiting, Measurement, Saturations};
+use flexor::signals::{Formats, Measurement, Saturation, SaturationCounts};
 use flexor::table::Table;
 
 /// Errors of a trial's torques.
@@ -32,7 +32,7 @@ pub struct Errors {
     pub rms_nm: f64,
     /// Largest magnitude, N m.
     pub max_nm: f64,
-    /// Saturations of all signals.
+    /// SaturationCounts of all signals.
     pub saturations: u32,
     /// Ticks.
     pub ticks: usize,
@@ -88,7 +88,7 @@ pub fn run_fixed(
     image: &[u8],
     options: &RunOptions,
     mut observe: impl FnMut(&Measurement<Fixed>, &Command<Fixed>),
-) -> Result<(Run, Saturations<u32>), AccuracyError> {
+) -> Result<(Run, SaturationCounts<u32>), AccuracyError> {
     let analysis = range::analyse(plan, image, &options.law, &options.limits)?;
     let table = Table::open(image).map_err(RunError::from)?;
     let mut controller =
@@ -135,7 +135,7 @@ pub fn measure(
     let single = float_coefficients::<f32>(plan, law, limits);
     let exact = float_coefficients::<f64>(plan, law, limits);
     accuracies[0].random = side_by_side(&table, &single, &exact, none, random())?;
-    let total = Saturations::<u32>::total;
+    let total = SaturationCounts::<u32>::total;
     accuracies[1].random = side_by_side(&table, &analysis.coefficients, &exact, total, random())?;
 
     // The hostile law has formats of its own.
@@ -162,7 +162,7 @@ pub fn ends(formats: &Formats<Exponent>) -> Measurement<f64> {
         root_slope: formats.root_slope.range(),
         root_slope_rate: formats.slope_rate.range(),
         force: formats.force.range(),
-        drive: [Limiting::No; 2],
+        drive: [Saturation::None; 2],
     }
 }
 
@@ -251,7 +251,7 @@ fn side_by_side<T: Scalar, R: Scalar>(
     table: &Table,
     coefficients: &Coefficients<T>,
     reference: &Coefficients<R>,
-    total: impl Fn(&Saturations<T::Count>) -> u32,
+    total: impl Fn(&SaturationCounts<T::Count>) -> u32,
     measurements: impl Iterator<Item = Measurement<f64>>,
 ) -> Result<Errors, RunError> {
     let mut controller = Controller::with(table, coefficients)?;
@@ -278,7 +278,7 @@ fn side_by_side<T: Scalar, R: Scalar>(
 }
 
 /// What a float's controller counts.
-fn none(_: &Saturations<()>) -> u32 {
+fn none(_: &SaturationCounts<()>) -> u32 {
     0
 }
 
@@ -299,7 +299,7 @@ pub fn random_measurements(range: &Measurement<f64>) -> impl Iterator<Item = Mea
             root_slope: value(3, range.root_slope),
             root_slope_rate: value(4, range.root_slope_rate),
             force: value(5, range.force),
-            drive: [Limiting::No; 2],
+            drive: [Saturation::None; 2],
         }
     })
 }
@@ -309,7 +309,7 @@ pub fn random_measurements(range: &Measurement<f64>) -> impl Iterator<Item = Mea
 pub fn adversarial_measurements(
     range: &Measurement<f64>,
 ) -> impl Iterator<Item = Measurement<f64>> {
-    const SIDES: [Limiting; 3] = [Limiting::No, Limiting::FromAbove, Limiting::FromBelow];
+    const SIDES: [Saturation; 3] = [Saturation::None, Saturation::Upper, Saturation::Lower];
     let range = *range;
     (0..3 * 81 * 50_usize).map(move |i| {
         let (combination, tick) = (i / 50, i % 50);

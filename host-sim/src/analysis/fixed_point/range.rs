@@ -42,7 +42,7 @@ pub const GAIN_ERROR_SHARE: f64 = 1e-3;
 /// A signal's range and format.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Signal {
-    /// Its name, as in [`flexor::signals::Saturations::entries`] where it is there.
+    /// Its name, as in [`flexor::signals::SaturationCounts::entries`] where it is there.
     pub name: &'static str,
     /// Its unit.
     pub unit: &'static str,

@@ -21,7 +21,7 @@
 use super::linear::{FORCE, Linear, SLOPE_RATE, Variant};
 use crate::planner::plan::Plan;
 use flexor::control::{Law, LawParameters, LawState};
-use flexor::signals::{Limiting, Measurement, Reference, Saturations};
+use flexor::signals::{Measurement, Reference, Saturation, SaturationCounts};
 use nalgebra::DMatrix;
 
 /// Numbers that the law remembers: filtered force error, integral, filtered slope rate.
@@ -80,13 +80,13 @@ impl LinearLaw {
                 root_slope: 0.0,
                 root_slope_rate: measured[1],
                 force: measured[0],
-                drive: [Limiting::No; 2],
+                drive: [Saturation::None; 2],
             };
             let proposal = law.propose(
                 &mut state,
                 &reference,
                 &measurement,
-                &mut Saturations::default(),
+                &mut SaturationCounts::default(),
             );
             let remembered = [
                 state.filtered_error.unwrap_or_default(),
