@@ -142,7 +142,7 @@ impl Comms {
         let fingerprint = setup.arm.fingerprint();
         let (slot, table) = select_table(slot, |slot| flash_slots::open(slot, fingerprint))?;
         let first_row = table.cursor().reference();
-        let standing = supervisor.lock(|c| c.standing());
+        let standing = supervisor.lock(|c| c.enable_inputs());
         check_enable(&SAFETY, &standing, &first_row)?;
         check_torque_bound(table.torque_bound(), &setup.limits)?;
         self.prepare(&table, &setup)?;

@@ -1,6 +1,6 @@
 //! When the drives may be enabled, and when they must not stay so.
 //!
-//! The arm starts disabled. [`check_enable`] decides on a request to enable; [`Watch`] looks at
+//! The arm starts disabled. [`check_enable`] decides on a request to enable; [`FaultMonitor`] looks at
 //! every tick of an enabled arm and names the [`Fault`] that ends it. A fault is latched
 //! by the caller until the host acknowledges it. The declared fallback of every fault is
 //! the same: torques zero, drives off.
@@ -11,7 +11,7 @@ use crate::link::{Interlocks, Refusal};
 use crate::signals::{Measurement, Reference};
 use crate::table::{Slot, SlotError};
 
-/// Limits of this module.
+/// Tolerances checked at enabling, and the link time-out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SafetyLimits {
     /// Largest deviation of the arm from the table's first row when it is enabled, of
@@ -23,7 +23,7 @@ pub struct SafetyLimits {
 
 /// Drives and sensors at one moment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Condition {
+pub struct InputHealth {
     /// Emergency stop and drives.
     pub interlocks: Interlocks,
     /// Both conversions are new since the tick before.
@@ -32,7 +32,7 @@ pub struct Condition {
     pub in_range: bool,
 }
 
-impl Condition {
+impl InputHealth {
     /// The fault that keeps the drives off.
     #[inline]
     pub fn fault(&self) -> Option<Fault> {
@@ -50,15 +50,15 @@ impl Condition {
     }
 }
 
-/// What decides whether an arm may be enabled.
+/// Everything that [`check_enable`] looks at.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Standing {
+pub struct EnableInputs {
     /// The latched fault.
     pub latched: Option<Fault>,
     /// Where the joints are is known.
     pub homed: bool,
     /// Drives and sensors now.
-    pub condition: Condition,
+    pub health: InputHealth,
     /// What the sensors say.
     pub measured: Measurement<f32>,
 }
@@ -91,14 +91,14 @@ pub fn select_table<T>(
 /// The first [`Refusal`] that applies.
 pub fn check_enable(
     limits: &SafetyLimits,
-    standing: &Standing,
+    standing: &EnableInputs,
     first_row: &Reference<f32>,
 ) -> Result<(), Refusal> {
     let measured = &standing.measured;
     if let Some(fault) = standing.latched {
         return Err(Refusal::Latched(fault));
     }
-    if let Some(fault) = standing.condition.fault() {
+    if let Some(fault) = standing.health.fault() {
         return Err(Refusal::Cause(fault));
     }
     if !standing.homed {
@@ -136,12 +136,12 @@ pub fn check_torque_bound(planned_nm: [f32; 2], limits: &LimitParameters) -> Res
 
 /// Watches an enabled arm from tick to tick.
 #[derive(Clone, Copy, Debug)]
-pub struct Watch {
+pub struct FaultMonitor {
     link_timeout_ticks: u32,
     silent_ticks: u32,
 }
 
-impl Watch {
+impl FaultMonitor {
     /// A watch that begins now.
     pub fn new(limits: &SafetyLimits) -> Self {
         Self {
@@ -158,9 +158,9 @@ impl Watch {
     /// The fault of this tick, if any. `late`: the last tick was not over when this one was
     /// due.
     #[inline]
-    pub fn tick(&mut self, condition: &Condition, late: bool) -> Option<Fault> {
+    pub fn tick(&mut self, health: &InputHealth, late: bool) -> Option<Fault> {
         self.silent_ticks = self.silent_ticks.saturating_add(1);
-        condition
+        health
             .fault()
             .or(late.then_some(Fault::TickOverrun))
             .or((self.silent_ticks > self.link_timeout_ticks).then_some(Fault::LinkTimeout))
@@ -175,7 +175,7 @@ mod tests {
         start_rad: [0.01, 0.01, 0.02],
         link_timeout_ticks: 3,
     };
-    const GOOD: Condition = Condition {
+    const GOOD: InputHealth = InputHealth {
         interlocks: Interlocks {
             stop_released: true,
             drives_well: true,
@@ -184,8 +184,8 @@ mod tests {
         in_range: true,
     };
 
-    /// Each condition that alone keeps the drives off, and its fault.
-    fn bad() -> [(Fault, Condition); 4] {
+    /// Each health that alone keeps the drives off, and its fault.
+    fn bad() -> [(Fault, InputHealth); 4] {
         let mut bad = [
             Fault::EmergencyStop,
             Fault::Drive,
@@ -208,11 +208,11 @@ mod tests {
         }
     }
 
-    fn at_start() -> Standing {
-        Standing {
+    fn at_start() -> EnableInputs {
+        EnableInputs {
             latched: None,
             homed: true,
-            condition: GOOD,
+            health: GOOD,
             measured: Measurement {
                 angle: [0.905, -0.705],
                 root_slope: 0.18,
@@ -253,7 +253,7 @@ mod tests {
 
     #[test]
     fn each_condition_refuses_by_itself() {
-        let refusal = |change: &dyn Fn(&mut Standing)| {
+        let refusal = |change: &dyn Fn(&mut EnableInputs)| {
             let mut standing = at_start();
             change(&mut standing);
             check_enable(&LIMITS, &standing, &row()).unwrap_err()
@@ -262,8 +262,8 @@ mod tests {
             refusal(&|s| s.latched = Some(Fault::Drive)),
             Refusal::Latched(Fault::Drive)
         );
-        for (fault, condition) in bad() {
-            assert_eq!(refusal(&|s| s.condition = condition), Refusal::Cause(fault));
+        for (fault, health) in bad() {
+            assert_eq!(refusal(&|s| s.health = health), Refusal::Cause(fault));
         }
         assert_eq!(refusal(&|s| s.homed = false), Refusal::NotHomed);
         let away: [fn(&mut Measurement<f32>); 4] = [
@@ -293,11 +293,11 @@ mod tests {
 
     #[test]
     fn an_enabled_arm_stops_for_each_cause() {
-        let mut watch = Watch::new(&LIMITS);
+        let mut watch = FaultMonitor::new(&LIMITS);
         assert_eq!(watch.tick(&GOOD, false), None);
-        for (fault, condition) in bad() {
+        for (fault, health) in bad() {
             watch.heard();
-            assert_eq!(watch.tick(&condition, false), Some(fault));
+            assert_eq!(watch.tick(&health, false), Some(fault));
         }
         watch.heard();
         assert_eq!(watch.tick(&GOOD, true), Some(Fault::TickOverrun));

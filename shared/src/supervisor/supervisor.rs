@@ -10,7 +10,7 @@ use crate::fault::Fault;
 use crate::link::{Interlocks, Mode, RawSample, Refusal, SensorReport, TickReply};
 use crate::signals::{Measurement, Saturation};
 use crate::supervisor::board::{Drives, Inputs, Sensors, Stopwatch, TickBoard, Timebase};
-use crate::supervisor::enabling::{Condition, SafetyLimits, Standing, Watch};
+use crate::supervisor::enabling::{EnableInputs, FaultMonitor, InputHealth, SafetyLimits};
 use crate::supervisor::sensing::{Calibration, Sensing};
 
 /// A place for a controller. There are two, the tick's and the one in which the main loop
@@ -36,7 +36,7 @@ pub struct Supervisor<'a> {
     controller: &'a mut Prepared<'a>,
     limits: SafetyLimits,
     sensing: Sensing,
-    watch: Watch,
+    monitor: FaultMonitor,
     fault: Option<Fault>,
     /// Where the joints are is known.
     homed: bool,
@@ -73,7 +73,7 @@ impl<'a> Supervisor<'a> {
             controller: place,
             limits: *limits,
             sensing: Sensing::new(calibration, tick_rate_hz, &first),
-            watch: Watch::new(limits),
+            monitor: FaultMonitor::new(limits),
             fault: None,
             homed: false,
             interlocks: Interlocks {
@@ -133,12 +133,12 @@ impl<'a> Supervisor<'a> {
                 if self.mode == Mode::Enabled
                     && let Some(controller) = self.controller
                 {
-                    let condition = Condition {
+                    let health = InputHealth {
                         interlocks: self.interlocks,
                         fresh: raw.fresh,
                         in_range: self.sensing.in_range(),
                     };
-                    if let Some(fault) = self.watch.tick(&condition, self.late) {
+                    if let Some(fault) = self.monitor.tick(&health, self.late) {
                         controller.trip(fault);
                     }
                     run(controller, &self.sensing.measurement(), &mut self.outbox);
@@ -165,7 +165,7 @@ impl<'a> Supervisor<'a> {
     /// it takes in exchange for the one before. The caller has checked that it may.
     pub fn enable(&mut self, prepared: &mut &'a mut Prepared<'a>) {
         core::mem::swap(&mut self.controller, prepared);
-        self.watch = Watch::new(&self.limits);
+        self.monitor = FaultMonitor::new(&self.limits);
         self.late = false;
         // Until the first tick a report must not show where the run before ended.
         self.outbox.tick = 0;
@@ -211,7 +211,7 @@ impl<'a> Supervisor<'a> {
 
     /// The host has been heard.
     pub fn heard(&mut self) {
-        self.watch.heard();
+        self.monitor.heard();
     }
 
     /// The arm stands at its home pose.
@@ -233,11 +233,11 @@ impl<'a> Supervisor<'a> {
     }
 
     /// What [`crate::supervisor::enabling::check_enable`] wants to know.
-    pub fn standing(&self) -> Standing {
-        Standing {
+    pub fn enable_inputs(&self) -> EnableInputs {
+        EnableInputs {
             latched: self.fault,
             homed: self.homed,
-            condition: Condition {
+            health: InputHealth {
                 interlocks: self.interlocks,
                 fresh: self.sensing.raw().fresh,
                 in_range: self.sensing.in_range(),
@@ -462,9 +462,9 @@ mod tests {
         let (mode, tick, fault, ticks, counts) = rig.supervisor.report();
         assert_eq!((mode, tick, fault, ticks), (Mode::Disabled, 0, None, 1));
         assert_eq!(counts, 7);
-        let standing = rig.supervisor.standing();
+        let standing = rig.supervisor.enable_inputs();
         assert_eq!((standing.latched, standing.homed), (None, false));
-        assert_eq!(standing.condition.fault(), None);
+        assert_eq!(standing.health.fault(), None);
         assert!((standing.measured.angle[0] - 0.5).abs() < 1e-6);
     }
 
@@ -473,18 +473,18 @@ mod tests {
         let mut rig = Rig::new();
         rig.board.sensors.sample.encoder = [300, 0];
         rig.tick();
-        assert!((rig.supervisor.standing().measured.angle[0] - 0.8).abs() < 1e-6);
+        assert!((rig.supervisor.enable_inputs().measured.angle[0] - 0.8).abs() < 1e-6);
         rig.supervisor.home().unwrap();
-        assert!(rig.supervisor.standing().homed && rig.supervisor.sensors().homed);
-        assert!((rig.supervisor.standing().measured.angle[0] - 0.5).abs() < 1e-6);
+        assert!(rig.supervisor.enable_inputs().homed && rig.supervisor.sensors().homed);
+        assert!((rig.supervisor.enable_inputs().measured.angle[0] - 0.5).abs() < 1e-6);
         rig.supervisor.enable(&mut rig.prepared);
         assert_eq!(rig.supervisor.home(), Err(Refusal::Busy));
         rig.supervisor.disable();
-        assert!(rig.supervisor.standing().homed);
+        assert!(rig.supervisor.enable_inputs().homed);
         rig.supervisor.start_lock_step(&mut rig.prepared);
         assert_eq!(rig.supervisor.home(), Err(Refusal::Busy));
         rig.supervisor.disable();
-        assert!(!rig.supervisor.standing().homed);
+        assert!(!rig.supervisor.enable_inputs().homed);
     }
 
     #[test]
@@ -544,11 +544,11 @@ mod tests {
             assert_eq!(rig.torque(), None, "{fault}");
             let (mode, _, latched, ..) = rig.supervisor.report();
             assert_eq!((mode, latched), (Mode::Disabled, Some(fault)));
-            assert_eq!(rig.supervisor.standing().latched, Some(fault));
+            assert_eq!(rig.supervisor.enable_inputs().latched, Some(fault));
             rig.tick();
             assert_eq!(rig.torque(), None);
             rig.supervisor.acknowledge();
-            assert_eq!(rig.supervisor.standing().latched, None);
+            assert_eq!(rig.supervisor.enable_inputs().latched, None);
         }
     }
 
@@ -582,7 +582,7 @@ mod tests {
             assert!((report.measured.force - 1.0).abs() < 1e-6);
             let slope = (f32::from(count) - 2048.0) * 1e-3;
             assert!((report.measured.root_slope - slope).abs() < 1e-6);
-            assert_eq!(rig.supervisor.standing().condition.fresh, i != 0);
+            assert_eq!(rig.supervisor.enable_inputs().health.fresh, i != 0);
         }
     }
 
