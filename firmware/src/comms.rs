@@ -8,7 +8,9 @@ use flexor::link::{
     FRAME_MAX, FrameErrors, Identity, Reply, Request, Setup, StartReason, Status, encode,
 };
 use flexor::link::{Mode, Refusal};
-use flexor::supervisor::{Prepared, Supervisor, check_enable, check_torque_bound, select_table};
+use flexor::supervisor::{
+    ControllerSlot, Supervisor, check_enable, check_torque_bound, select_table,
+};
 use flexor::table::{Slot, Table, TableIdentity};
 use rtic::Mutex;
 
@@ -19,7 +21,7 @@ pub struct Comms {
     counts_per_1000_nops: u32,
     start: StartReason,
     /// Where the next controller is made, away from the tick's.
-    prepared: &'static mut Prepared<'static>,
+    prepared: &'static mut ControllerSlot<'static>,
 }
 
 impl Comms {
@@ -28,7 +30,7 @@ impl Comms {
         clocks: &Clocks,
         counts_per_1000_nops: u32,
         start: StartReason,
-        prepared: &'static mut Prepared<'static>,
+        prepared: &'static mut ControllerSlot<'static>,
     ) -> Self {
         Self {
             setup: flash_slots::setup(),
@@ -75,7 +77,7 @@ impl Comms {
         lost: (FrameErrors, u32),
         pend: impl Fn(),
     ) -> Reply {
-        supervisor.lock(Supervisor::heard);
+        supervisor.lock(Supervisor::link_alive);
         let done = match *request {
             Request::Hello => return self.identity(),
             Request::Status => return status(supervisor, lost),
@@ -112,10 +114,10 @@ impl Comms {
                 }
             }
             Request::Measured { sequence, measured } => {
-                if control.lock(|c| c.put(sequence, measured)) {
+                if control.lock(|c| c.post_measurement(sequence, measured)) {
                     // The tick comes at once, being of higher priority.
                     pend();
-                    return Reply::Command(supervisor.lock(|c| c.result()));
+                    return Reply::Command(supervisor.lock(|c| c.last_reply()));
                 }
                 Err(Refusal::NotInLockStep)
             }

@@ -48,7 +48,7 @@ mod app {
     use crate::{calibrate, comms, crash_record, log, stack};
     use cortex_m::peripheral::syst::SystClkSource;
     use flexor::link::{FRAME_MAX, Mode, Receiver, Reply, Request};
-    use flexor::supervisor::{Prepared, Supervisor};
+    use flexor::supervisor::{ControllerSlot, Supervisor};
     use heapless::spsc::{Consumer, Producer, Queue};
     use stm32f4xx_hal::pac::Interrupt;
 
@@ -74,8 +74,8 @@ mod app {
     #[init(local = [
         receive: Queue<u8, RECEIVE_QUEUE> = Queue::new(),
         transmit: Queue<u8, TRANSMIT_QUEUE> = Queue::new(),
-        running: Prepared<'static> = None,
-        prepared: Prepared<'static> = None,
+        running: ControllerSlot<'static> = None,
+        prepared: ControllerSlot<'static> = None,
     ])]
     fn init(context: init::Context) -> (Shared, Local) {
         stack::paint();
@@ -176,7 +176,7 @@ mod app {
         let identity = local.comms.identity();
         send(to_host, &identity);
         loop {
-            if control.lock(Supervisor::alive) {
+            if control.lock(Supervisor::tick_advanced) {
                 local.watchdog.feed();
             }
             let (mode, _, latched, ..) = supervisor.lock(|supervisor| supervisor.report());

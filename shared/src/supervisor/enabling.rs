@@ -151,7 +151,7 @@ impl FaultMonitor {
     }
 
     /// The host has sent a request.
-    pub fn heard(&mut self) {
+    pub fn link_alive(&mut self) {
         self.silent_ticks = 0;
     }
 
@@ -296,15 +296,15 @@ mod tests {
         let mut watch = FaultMonitor::new(&LIMITS);
         assert_eq!(watch.tick(&GOOD, false), None);
         for (fault, health) in bad() {
-            watch.heard();
+            watch.link_alive();
             assert_eq!(watch.tick(&health, false), Some(fault));
         }
-        watch.heard();
+        watch.link_alive();
         assert_eq!(watch.tick(&GOOD, true), Some(Fault::TickOverrun));
         assert_eq!(watch.tick(&GOOD, false), None);
         assert_eq!(watch.tick(&GOOD, false), None);
         assert_eq!(watch.tick(&GOOD, false), Some(Fault::LinkTimeout));
-        watch.heard();
+        watch.link_alive();
         assert_eq!(watch.tick(&GOOD, false), None);
     }
 }

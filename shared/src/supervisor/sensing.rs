@@ -71,7 +71,7 @@ impl Sensing {
     /// Follows the counts to a new sample; call it once a tick, whether a measurement is
     /// wanted or not.
     #[inline]
-    pub fn follow(&mut self, raw: &RawSample) {
+    pub fn update(&mut self, raw: &RawSample) {
         for i in 0..2 {
             let step = raw.encoder[i].wrapping_sub(self.position[i] as u16);
             self.position[i] = self.position[i].wrapping_add(i32::from(step.cast_signed()));
@@ -150,13 +150,13 @@ mod tests {
             fresh: true,
         };
         let mut sensing = Sensing::new(&CALIBRATION, 1000, &first);
-        sensing.follow(&first);
+        sensing.update(&first);
         let m = sensing.measurement();
         assert!((m.angle[0] - 0.5).abs() < 1e-6);
         // theta20 = theta10 + motor2 - w'(0)
         assert!((m.angle[1] - (0.5 - 1.0 - 0.1)).abs() < 1e-6);
         assert!((m.force - 1.0).abs() < 1e-6 && m.root_slope_rate == 0.0);
-        sensing.follow(&RawSample {
+        sensing.update(&RawSample {
             encoder: [4, 65_533], // +10 and -10, both over the wrap
             strain: 2110,
             ..first
@@ -175,7 +175,7 @@ mod tests {
             strain: 2000,
             ..RawSample::default()
         };
-        sensing.follow(&raw);
+        sensing.update(&raw);
         assert!((sensing.measurement().angle[0] - 1.5).abs() < 1e-6);
         sensing.home();
         let m = sensing.measurement();
@@ -193,7 +193,7 @@ mod tests {
             (4080, 2048, false),
             (2048, 4095, false),
         ] {
-            sensing.follow(&RawSample {
+            sensing.update(&RawSample {
                 force,
                 strain,
                 ..RawSample::default()
@@ -210,7 +210,7 @@ mod tests {
             for step in steps {
                 position += step;
                 let raw = RawSample { encoder: [position as u16, 0], ..RawSample::default() };
-                sensing.follow(&raw);
+                sensing.update(&raw);
                 prop_assert_eq!(sensing.position, [position, 0]);
             }
         }

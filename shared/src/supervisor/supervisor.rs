@@ -15,7 +15,7 @@ use crate::supervisor::sensing::{Calibration, Sensing};
 
 /// A place for a controller. There are two, the tick's and the one in which the main loop
 /// prepares the next.
-pub type Prepared<'a> = Option<Controller<'a, f32>>;
+pub type ControllerSlot<'a> = Option<Controller<'a, f32>>;
 
 /// The controller's tick, less the parts of its command that nobody reads here. The table
 /// columns behind those then need not be evaluated. Not inlined, or the compiler makes a
@@ -33,7 +33,7 @@ fn run(controller: &mut Controller<'_, f32>, measured: &Measurement<f32>, result
 #[derive(Debug)]
 pub struct Supervisor<'a> {
     mode: Mode,
-    controller: &'a mut Prepared<'a>,
+    controller: &'a mut ControllerSlot<'a>,
     limits: SafetyLimits,
     sensing: Sensing,
     monitor: FaultMonitor,
@@ -57,7 +57,7 @@ impl<'a> Supervisor<'a> {
     /// Disabled and not homed. `place` is where the controllers will be.
     pub fn new<S: Sensors, D, T, W>(
         board: &mut TickBoard<S, D, T, W>,
-        place: &'a mut Prepared<'a>,
+        place: &'a mut ControllerSlot<'a>,
         limits: &SafetyLimits,
         calibration: &Calibration,
         tick_rate_hz: u32,
@@ -109,7 +109,7 @@ impl<'a> Supervisor<'a> {
         let begun = board.stopwatch.counts();
         let timer = board.timebase.acknowledge();
         let raw = board.sensors.sample();
-        self.sensing.follow(&raw);
+        self.sensing.update(&raw);
         self.interlocks = board.drives.interlocks();
         self.ticks_total = self.ticks_total.wrapping_add(1);
         let mut torque = None;
@@ -163,7 +163,7 @@ impl<'a> Supervisor<'a> {
 
     /// Enables the drives from the next tick on and runs the `prepared` controller, which
     /// it takes in exchange for the one before. The caller has checked that it may.
-    pub fn enable(&mut self, prepared: &mut &'a mut Prepared<'a>) {
+    pub fn enable(&mut self, prepared: &mut &'a mut ControllerSlot<'a>) {
         core::mem::swap(&mut self.controller, prepared);
         self.monitor = FaultMonitor::new(&self.limits);
         self.late = false;
@@ -179,7 +179,7 @@ impl<'a> Supervisor<'a> {
 
     /// From the next tick on the host's measurements run the `prepared` controller. The
     /// encoders may turn unseen between two of its ticks: the arm is no longer homed.
-    pub fn start_lock_step(&mut self, prepared: &mut &'a mut Prepared<'a>) {
+    pub fn start_lock_step(&mut self, prepared: &mut &'a mut ControllerSlot<'a>) {
         core::mem::swap(&mut self.controller, prepared);
         self.homed = false;
         self.inbox_full = false;
@@ -188,7 +188,7 @@ impl<'a> Supervisor<'a> {
     }
 
     /// Leaves a measurement for the next tick; false when not in lock-step.
-    pub fn put(&mut self, sequence: u32, measured: Measurement<f32>) -> bool {
+    pub fn post_measurement(&mut self, sequence: u32, measured: Measurement<f32>) -> bool {
         let running = self.mode == Mode::LockStep;
         if running {
             self.inbox = (sequence, measured);
@@ -198,20 +198,20 @@ impl<'a> Supervisor<'a> {
     }
 
     /// What the last tick gave.
-    pub fn result(&self) -> TickReply {
+    pub fn last_reply(&self) -> TickReply {
         self.outbox
     }
 
     /// True when the tick runs as it should: since the last call it has, or the host gives
     /// the pace.
-    pub fn alive(&mut self) -> bool {
+    pub fn tick_advanced(&mut self) -> bool {
         let before = core::mem::replace(&mut self.ticks_seen, self.ticks_total);
         before != self.ticks_total || self.mode == Mode::LockStep
     }
 
     /// The host has been heard.
-    pub fn heard(&mut self) {
-        self.monitor.heard();
+    pub fn link_alive(&mut self) {
+        self.monitor.link_alive();
     }
 
     /// The arm stands at its home pose.
@@ -353,7 +353,7 @@ mod tests {
     struct Rig {
         board: Board,
         supervisor: Supervisor<'static>,
-        prepared: &'static mut Prepared<'static>,
+        prepared: &'static mut ControllerSlot<'static>,
     }
 
     /// A controller that gives [`TORQUE`] at every tick.
@@ -605,7 +605,7 @@ mod tests {
     fn requests_keep_an_enabled_arm_going() {
         let mut rig = Rig::enabled();
         for _ in 0..5 * LIMITS.link_timeout_ticks {
-            rig.supervisor.heard();
+            rig.supervisor.link_alive();
             rig.tick();
         }
         assert!(rig.torque().is_some());
@@ -614,7 +614,7 @@ mod tests {
     #[test]
     fn in_lock_step_the_host_gives_the_pace_and_the_drives_stay_off() {
         let mut rig = Rig::new();
-        assert!(!rig.supervisor.put(1, Measurement::default()));
+        assert!(!rig.supervisor.post_measurement(1, Measurement::default()));
         rig.supervisor.start_lock_step(&mut rig.prepared);
         // The timer's last tick; it rests from then on.
         rig.tick();
@@ -624,18 +624,21 @@ mod tests {
         rig.board.drives.interlocks.as_mut().unwrap().stop_released = false;
         rig.board.sensors.sample.fresh = false;
         for sequence in 7..10 {
-            assert!(rig.supervisor.put(sequence, Measurement::default()));
+            assert!(
+                rig.supervisor
+                    .post_measurement(sequence, Measurement::default())
+            );
             rig.tick();
-            let reply = rig.supervisor.result();
+            let reply = rig.supervisor.last_reply();
             assert_eq!((reply.sequence, reply.tick), (sequence, sequence - 7));
             assert!(planned(reply.torque) && reply.counts == 7);
             assert_eq!(rig.torque(), None);
-            assert!(rig.supervisor.alive());
+            assert!(rig.supervisor.tick_advanced());
         }
         rig.supervisor.disable();
         rig.tick();
         assert!(rig.board.timebase.running);
-        assert!(rig.supervisor.alive());
-        assert!(!rig.supervisor.alive(), "no tick since");
+        assert!(rig.supervisor.tick_advanced());
+        assert!(!rig.supervisor.tick_advanced(), "no tick since");
     }
 }
