@@ -112,8 +112,8 @@ impl Board {
                     ..Measurement::default()
                 },
                 interlocks: Interlocks {
-                    stop_released: true,
-                    drives_well: false,
+                    estop_released: true,
+                    drives_ok: false,
                 },
                 in_range: true,
                 homed: false,
@@ -287,8 +287,8 @@ fn identity_status_and_sensors_are_told_in_words_and_json() {
     }
     let sensors = board.json(&["sensors"]);
     assert_eq!(sensors["theta20_rad"], -0.25);
-    assert_eq!(sensors["stop_released"], true);
-    assert_eq!(sensors["drives_well"], false);
+    assert_eq!(sensors["estop_released"], true);
+    assert_eq!(sensors["drives_ok"], false);
 }
 
 #[test]
@@ -598,7 +598,7 @@ fn the_image_in_qemu_answers_every_verb() {
         (&["status", "--json"][..], "mode", Value::from("disabled")),
         (&["sensors", "--json"], "fresh", false.into()),
         (&["sensors", "--json"], "strain_counts", 0.into()),
-        (&["sensors", "--json"], "stop_released", false.into()),
+        (&["sensors", "--json"], "estop_released", false.into()),
         (&["sensors", "--json"], "homed", false.into()),
         (&["home", "--json"], "mode", "disabled".into()),
         (&["disable", "--json"], "mode", "disabled".into()),

@@ -267,7 +267,7 @@ fn sensors_are_told_in_every_mode() {
         let report = processor.sensors().unwrap();
         let RawSample { force, strain, .. } = report.raw;
         assert_eq!((force, strain, report.raw.fresh), (0, 0, false));
-        assert!(!report.interlocks.stop_released && !report.interlocks.drives_well);
+        assert!(!report.interlocks.estop_released && !report.interlocks.drives_ok);
         assert!(!report.in_range, "no counts are a converter's rail");
         report
     };

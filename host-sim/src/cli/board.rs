@@ -456,8 +456,8 @@ fn sensors_json(report: &SensorReport) -> Map<String, Value> {
         ("root_slope_rad", json!(measured.root_slope)),
         ("root_slope_rate_rad_s", json!(measured.root_slope_rate)),
         ("force_N", json!(measured.force)),
-        ("stop_released", json!(interlocks.stop_released)),
-        ("drives_well", json!(interlocks.drives_well)),
+        ("estop_released", json!(interlocks.estop_released)),
+        ("drives_ok", json!(interlocks.drives_ok)),
     ])
 }
 
@@ -504,7 +504,7 @@ fn sensors_facts(report: &SensorReport) -> Vec<(&'static str, String)> {
         ("contact force", format!("{:8.3} N", measured.force)),
         (
             "emergency stop",
-            if interlocks.stop_released {
+            if interlocks.estop_released {
                 "released".into()
             } else {
                 "pressed, or its wire is broken".into()
@@ -512,7 +512,7 @@ fn sensors_facts(report: &SensorReport) -> Vec<(&'static str, String)> {
         ),
         (
             "drives",
-            if interlocks.drives_well {
+            if interlocks.drives_ok {
                 "well".into()
             } else {
                 "not well, or a wire is broken".into()
@@ -558,8 +558,8 @@ fn sensors_line(report: &SensorReport) -> String {
         column(m.root_slope, 7, 4),
         column(m.root_slope_rate, 7, 1),
         column(m.force, 7, 3),
-        either(interlocks.stop_released, "free", "STOP"),
-        either(interlocks.drives_well, "well", "FAULTY"),
+        either(interlocks.estop_released, "free", "STOP"),
+        either(interlocks.drives_ok, "well", "FAULTY"),
         either(raw.fresh, either(*in_range, "yes", "END"), "NO"),
     )
 }
@@ -742,8 +742,8 @@ mod tests {
                 ..Measurement::default()
             },
             interlocks: Interlocks {
-                stop_released: false,
-                drives_well: false,
+                estop_released: false,
+                drives_ok: false,
             },
             in_range: true,
             homed: true,

@@ -47,7 +47,7 @@
 //! | 5 lock-step | `05`, table: CRC u32, arm fingerprint u32, ticks u32, varints |
 //! | 6 log | `06`, number of bytes u8 (as varint), and those: one entry of defmt's raw encoding (wire format 4), read with the symbols of the ELF |
 //! | 7 enabled | `07`, slot, table as above |
-//! | 8 sensors | `08`, counts: encoders 2 x u16, force u16, strain u16 (varints), fresh bool; measurement; stop released, drives well, converters off their rails, homed: bools |
+//! | 8 sensors | `08`, counts: encoders 2 x u16, force u16, strain u16 (varints), fresh bool; measurement; stop released, drives ok, converters off their rails, homed: bools |
 //!
 //! # Enabling
 //!
@@ -324,9 +324,9 @@ pub struct SensorReport {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Interlocks {
     /// The emergency stop is released.
-    pub stop_released: bool,
+    pub estop_released: bool,
     /// Both drives report to be well.
-    pub drives_well: bool,
+    pub drives_ok: bool,
 }
 
 /// Why the microcontroller does not do what it was asked.
@@ -564,8 +564,8 @@ mod tests {
                 drive: [Saturation::None; 2],
             },
             interlocks: Interlocks {
-                stop_released: true,
-                drives_well: false,
+                estop_released: true,
+                drives_ok: false,
             },
             in_range: false,
             homed: true,

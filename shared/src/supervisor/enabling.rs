@@ -36,9 +36,9 @@ impl InputHealth {
     /// The fault that keeps the drives off.
     #[inline]
     pub fn fault(&self) -> Option<Fault> {
-        if !self.interlocks.stop_released {
+        if !self.interlocks.estop_released {
             Some(Fault::EmergencyStop)
-        } else if !self.interlocks.drives_well {
+        } else if !self.interlocks.drives_ok {
             Some(Fault::Drive)
         } else if !self.fresh {
             Some(Fault::SensorsStale)
@@ -177,8 +177,8 @@ mod tests {
     };
     const GOOD: InputHealth = InputHealth {
         interlocks: Interlocks {
-            stop_released: true,
-            drives_well: true,
+            estop_released: true,
+            drives_ok: true,
         },
         fresh: true,
         in_range: true,
@@ -193,8 +193,8 @@ mod tests {
             Fault::SensorRange,
         ]
         .map(|fault| (fault, GOOD));
-        bad[0].1.interlocks.stop_released = false;
-        bad[1].1.interlocks.drives_well = false;
+        bad[0].1.interlocks.estop_released = false;
+        bad[1].1.interlocks.drives_ok = false;
         bad[2].1.fresh = false;
         bad[3].1.in_range = false;
         bad

@@ -77,8 +77,8 @@ impl<'a> Supervisor<'a> {
             fault: None,
             homed: false,
             interlocks: Interlocks {
-                stop_released: false,
-                drives_well: false,
+                estop_released: false,
+                drives_ok: false,
             },
             inbox: (0, Measurement::default()),
             inbox_full: false,
@@ -415,8 +415,8 @@ mod tests {
                     ..RawSample::default()
                 },
                 interlocks: Some(Interlocks {
-                    stop_released: true,
-                    drives_well: true,
+                    estop_released: true,
+                    drives_ok: true,
                 }),
                 timer: true,
                 ..Bench::default()
@@ -503,10 +503,10 @@ mod tests {
         type Cause = fn(&mut Rig);
         let causes: [(Fault, Cause); 7] = [
             (Fault::EmergencyStop, |rig| {
-                rig.board.drives.interlocks.as_mut().unwrap().stop_released = false;
+                rig.board.drives.interlocks.as_mut().unwrap().estop_released = false;
             }),
             (Fault::Drive, |rig| {
-                rig.board.drives.interlocks.as_mut().unwrap().drives_well = false;
+                rig.board.drives.interlocks.as_mut().unwrap().drives_ok = false;
             }),
             (Fault::SensorsStale, |rig| {
                 rig.board.sensors.sample.fresh = false;
@@ -556,7 +556,7 @@ mod tests {
     fn sensors_and_interlocks_are_reported_in_every_mode() {
         let mut rig = Rig::new();
         let report = rig.supervisor.sensors();
-        assert!(!report.raw.fresh && !report.interlocks.stop_released);
+        assert!(!report.raw.fresh && !report.interlocks.estop_released);
         let modes: [fn(&mut Rig); 3] = [
             |_| {},
             |rig| rig.supervisor.enable(&mut rig.prepared),
@@ -572,8 +572,8 @@ mod tests {
                 fresh: i != 0,
             };
             rig.board.drives.interlocks = Some(Interlocks {
-                stop_released: true,
-                drives_well: i != 2,
+                estop_released: true,
+                drives_ok: i != 2,
             });
             rig.tick();
             let report = rig.supervisor.sensors();
@@ -621,7 +621,7 @@ mod tests {
         assert!(!rig.board.timebase.running);
         rig.board.timebase.timer = false;
         // Neither stop nor stale sensors matter to a tick that drives nothing.
-        rig.board.drives.interlocks.as_mut().unwrap().stop_released = false;
+        rig.board.drives.interlocks.as_mut().unwrap().estop_released = false;
         rig.board.sensors.sample.fresh = false;
         for sequence in 7..10 {
             assert!(

@@ -130,7 +130,7 @@ impl Board {
                 gpioc.pc8.into_pull_down_input(),
                 gpioc.pc9.into_pull_down_input(),
             ),
-            stop_released: gpioc.pc10.into_pull_down_input(),
+            estop_released: gpioc.pc10.into_pull_down_input(),
         };
 
         // The control period does not run on while a debugger holds the core.
@@ -277,7 +277,7 @@ pub struct AnalogDrives {
     enables: OutPort2<'C', { ENABLES[0] }, { ENABLES[1] }>,
     torques: (C1, C2),
     well: (PC8, PC9),
-    stop_released: PC10,
+    estop_released: PC10,
 }
 
 impl Drives for AnalogDrives {
@@ -298,8 +298,8 @@ impl Inputs for AnalogDrives {
     #[inline]
     fn interlocks(&self) -> Interlocks {
         Interlocks {
-            stop_released: self.stop_released.is_high(),
-            drives_well: self.well.0.is_high() && self.well.1.is_high(),
+            estop_released: self.estop_released.is_high(),
+            drives_ok: self.well.0.is_high() && self.well.1.is_high(),
         }
     }
 }
