@@ -30,9 +30,9 @@ use flexor::model::JointMotion;
 use flexor::number::Real;
 use nalgebra::{DMatrix, DVector};
 
-/// Sines, cosines and gravity at a posture.
+/// Sines, cosines and gravity at a configuration.
 #[derive(Clone, Copy, Debug)]
-pub struct Posture<T> {
+pub struct Configuration<T> {
     /// e(theta10), the direction of link 1.
     pub e1: [T; 2],
     /// e(theta20), the direction of link 2's chord.
@@ -49,8 +49,8 @@ pub struct Posture<T> {
     pub g_e: T,
 }
 
-impl<T: Real> Posture<T> {
-    /// The posture with the angles (theta10, theta20), rad.
+impl<T: Real> Configuration<T> {
+    /// The configuration with the angles (theta10, theta20), rad.
     pub fn new(model: &ArmModel, angle: [T; 2]) -> Self {
         let e1 = [angle[0].cos(), angle[0].sin()];
         let e2 = [angle[1].cos(), angle[1].sin()];
@@ -119,8 +119,8 @@ fn end_inertias(model: &ArmModel) -> impl Iterator<Item = (f64, &[f64])> {
 pub struct Motion<'a, T> {
     /// Link angles, rates and accelerations.
     pub joint: JointMotion<T>,
-    /// The posture at those angles; costs four trigonometric functions, so it is shared.
-    pub posture: Posture<T>,
+    /// The configuration at those angles; costs four trigonometric functions, so it is shared.
+    pub configuration: Configuration<T>,
     /// Modal coordinates.
     pub q: &'a [T],
     /// Their rates, 1/s.
@@ -137,13 +137,13 @@ pub struct Motion<'a, T> {
 pub fn inverse<T: Real>(model: &ArmModel, motion: &Motion<'_, T>, force: [T; 2]) -> [T; 2] {
     let c64 = T::from_f64;
     let two = c64(2.0);
-    let posture = motion.posture;
+    let configuration = motion.configuration;
     let [rate1, rate2] = motion.joint.rate;
     let [acceleration1, acceleration2] = motion.joint.acceleration;
     let r1 = c64(model.arm.link1_length_m);
     let r2 = c64(model.arm.link2_length_m);
     let s2 = c64(model.link2_moment);
-    let (c, s) = (posture.c, posture.s);
+    let (c, s) = (configuration.c, configuration.s);
 
     let a_n = r1 * (acceleration1 * c + rate1 * rate1 * s);
     let a_e = r1 * (acceleration1 * s - rate1 * rate1 * c);
@@ -153,19 +153,19 @@ pub fn inverse<T: Real>(model: &ArmModel, motion: &Motion<'_, T>, force: [T; 2])
 
     let tau2 = c64(model.link2_inertia) * acceleration2
         + weigh(&model.second_moment, motion.q_acceleration)
-        + s2 * (a_n - posture.g_n)
+        + s2 * (a_n - configuration.g_n)
         + two * translating(model, motion.q, motion.q_rate) * rate2
         + translating(model, motion.q, motion.q) * acceleration2
-        - bq * (a_e - posture.g_e)
-        + r2 * posture.along_n2(force);
+        - bq * (a_e - configuration.g_e)
+        + r2 * configuration.along_n2(force);
 
     let m2 = c64(model.link2_mass);
     let inertial_n = s2 * acceleration2 + bq_acceleration - bq * rate2 * rate2 + m2 * a_n;
     let inertial_e = -(s2 * rate2 * rate2) - two * bq_rate * rate2 - bq * acceleration2 + m2 * a_e;
     let tau1 = c64(model.link1_inertia) * acceleration1 + r1 * (c * inertial_n + s * inertial_e)
-        - c64(model.joint1_moment) * posture.g_n1
+        - c64(model.joint1_moment) * configuration.g_n1
         + tau2
-        + r1 * posture.along_n1(force);
+        + r1 * configuration.along_n1(force);
     [tau1, tau2]
 }
 
@@ -174,26 +174,26 @@ pub fn inverse<T: Real>(model: &ArmModel, motion: &Motion<'_, T>, force: [T; 2])
 /// momentum) and eq. 11 (its vibration), which contradict each other. Only eq. 11's
 /// root slope row has tau2, so that is the mean of the two. Units as [`inverse`].
 pub fn inverse_as_printed(model: &ArmModel, motion: &Motion<'_, f64>, force: [f64; 2]) -> [f64; 2] {
-    let posture = motion.posture;
+    let configuration = motion.configuration;
     let [rate1, rate2] = motion.joint.rate;
     let [acceleration1, acceleration2] = motion.joint.acceleration;
     let r1 = model.arm.link1_length_m;
-    let (c, s) = (posture.c, posture.s);
+    let (c, s) = (configuration.c, configuration.s);
     let a_n = r1 * (acceleration1 * c + rate1 * rate1 * s);
     let a_e = r1 * (acceleration1 * s - rate1 * rate1 * c);
 
     // Eq. 9 about joint 2.
     let momentum = model.link2_inertia * acceleration2
         + dot(&model.second_moment, motion.q_acceleration)
-        + model.link2_moment * (a_n - posture.g_n)
-        + model.arm.link2_length_m * posture.along_n2(force);
+        + model.link2_moment * (a_n - configuration.g_n)
+        + model.arm.link2_length_m * configuration.along_n2(force);
     // Eq. 11, the row of the root slope: nodal rows are the modal ones times the
     // coordinates, and E has its 1 there.
     let vibration: f64 = (0..model.dof())
         .map(|i| {
             let row = motion.q_acceleration[i]
                 + model.second_moment[i] * acceleration2
-                + model.first_moment[i] * (a_n - posture.g_n)
+                + model.first_moment[i] * (a_n - configuration.g_n)
                 + model.stiffness[i] * motion.q[i]
                 + model.damping[i] * motion.q_rate[i];
             model.coordinates[(i, 0)] * row
@@ -208,19 +208,20 @@ pub fn inverse_as_printed(model: &ArmModel, motion: &Motion<'_, f64>, force: [f6
         - dot(&model.first_moment, motion.q_rate) * rate2
         + model.link2_mass * a_e;
     let tau1 = model.link1_inertia * acceleration1 + r1 * (c * inertial_n + s * inertial_e)
-        - model.joint1_moment * posture.g_n1
+        - model.joint1_moment * configuration.g_n1
         + tau2
-        + r1 * posture.along_n1(force);
+        + r1 * configuration.along_n1(force);
     [tau1, tau2]
 }
 
 /// What is left of the `q` equations for `motion` and `tau2` (N m): zero, mode by
 /// mode, for a motion that the torques sustain.
 pub fn elastic_residual(model: &ArmModel, motion: &Motion<'_, f64>, tau2: f64) -> Vec<f64> {
-    let posture = motion.posture;
+    let configuration = motion.configuration;
     let [rate1, rate2] = motion.joint.rate;
     let [acceleration1, acceleration2] = motion.joint.acceleration;
-    let a_n = model.arm.link1_length_m * (acceleration1 * posture.c + rate1 * rate1 * posture.s);
+    let a_n = model.arm.link1_length_m
+        * (acceleration1 * configuration.c + rate1 * rate1 * configuration.s);
     let ends: Vec<_> = end_inertias(model)
         .map(|(inertia, slope)| (inertia * dot(slope, motion.q), slope))
         .collect();
@@ -229,7 +230,7 @@ pub fn elastic_residual(model: &ArmModel, motion: &Motion<'_, f64>, tau2: f64) -
             let translating = motion.q[i] - ends.iter().map(|(x, slope)| x * slope[i]).sum::<f64>();
             motion.q_acceleration[i] + model.second_moment[i] * acceleration2
                 - rate2 * rate2 * translating
-                + model.first_moment[i] * (a_n - posture.g_n)
+                + model.first_moment[i] * (a_n - configuration.g_n)
                 + model.stiffness[i] * motion.q[i]
                 + model.damping[i] * motion.q_rate[i]
                 - model.root_slope[i] * tau2
@@ -265,24 +266,24 @@ pub struct DeflectionEquation {
     pub load: f64,
 }
 
-/// Sets up [`DeflectionEquation`] for a joint motion, its posture and a contact force (N, inertial
+/// Sets up [`DeflectionEquation`] for a joint motion, its configuration and a contact force (N, inertial
 /// axes). With `as_printed`, the terms that eq. 14 leaves out are left out: the axial
 /// load and everything of second order in the deflection.
 pub fn deflection_equation(
     model: &ArmModel,
     joint: &JointMotion<f64>,
-    posture: &Posture<f64>,
+    configuration: &Configuration<f64>,
     force: [f64; 2],
     as_printed: bool,
 ) -> DeflectionEquation {
     let [rate1, rate2] = joint.rate;
     let [acceleration1, acceleration2] = joint.acceleration;
     let r1 = model.arm.link1_length_m;
-    let a_n = r1 * (acceleration1 * posture.c + rate1 * rate1 * posture.s);
-    let a_e = r1 * (acceleration1 * posture.s - rate1 * rate1 * posture.c);
-    let across = posture.g_n - a_n;
+    let a_n = r1 * (acceleration1 * configuration.c + rate1 * rate1 * configuration.s);
+    let a_e = r1 * (acceleration1 * configuration.s - rate1 * rate1 * configuration.c);
+    let across = configuration.g_n - a_n;
     let root = model.link2_inertia * acceleration2 - model.link2_moment * across
-        + model.arm.link2_length_m * posture.along_n2(force);
+        + model.arm.link2_length_m * configuration.along_n2(force);
     let mut constant =
         &model.nodal.first_moment * across - &model.nodal.second_moment * acceleration2;
     constant[0] += root;
@@ -292,7 +293,7 @@ pub fn deflection_equation(
         rate2,
         quadratic_acceleration: kept * acceleration2,
         quadratic_rate: kept * rate2,
-        load: kept * (posture.g_e - a_e),
+        load: kept * (configuration.g_e - a_e),
     }
 }
 
@@ -364,8 +365,8 @@ pub fn equilibrium(
         angle,
         ..JointMotion::default()
     };
-    let posture = Posture::new(model, angle);
-    let equation = deflection_equation(model, &joint, &posture, force, false);
+    let configuration = Configuration::new(model, angle);
+    let equation = deflection_equation(model, &joint, &configuration, force, false);
     let n = model.dof();
     let mut stiffness = DMatrix::from_fn(n, n, |i, j| {
         -model.root_slope[i] * equation.load * model.first_moment[j]
@@ -374,8 +375,8 @@ pub fn equilibrium(
         stiffness[(i, i)] += model.stiffness[i];
     }
     if geometric {
-        stiffness -= &model.geometric_tip * posture.along_e2(force);
-        stiffness += &model.geometric_axial * posture.g_e;
+        stiffness -= &model.geometric_tip * configuration.along_e2(force);
+        stiffness += &model.geometric_axial * configuration.g_e;
     }
     let q = stiffness
         .lu()
@@ -385,7 +386,7 @@ pub fn equilibrium(
     let zeros = vec![0.0; n];
     let motion = Motion {
         joint,
-        posture,
+        configuration,
         q: &q,
         q_rate: &zeros,
         q_acceleration: &zeros,
@@ -453,21 +454,21 @@ pub fn forward<T: Real>(
 ) -> ([T; 2], T) {
     let c64 = T::from_f64;
     let two = c64(2.0);
-    let posture = Posture::new(model, state.angle());
+    let configuration = Configuration::new(model, state.angle());
     let [rate1, rate2] = state.rate();
     let (q, q_rate) = (state.q(), state.q_rate());
     let [tau1, tau2] = drive.torque;
     let r1 = c64(model.arm.link1_length_m);
     let r2 = c64(model.arm.link2_length_m);
     let s2 = c64(model.link2_moment);
-    let (c, s) = (posture.c, posture.s);
+    let (c, s) = (configuration.c, configuration.s);
     let squared = rate2 * rate2;
     let centripetal = r1 * rate1 * rate1;
     let normal = surface.normal.map(T::from_f64);
 
     // The q equations: q'' = free - column1 theta10'' - p theta20'' - column_f f.
     // `free` is left in q_acceleration.
-    let across = posture.g_n - centripetal * s;
+    let across = configuration.g_n - centripetal * s;
     for i in 0..q.len() {
         q_acceleration[i] = c64(model.first_moment[i]) * across
             + (squared - c64(model.stiffness[i])) * q[i]
@@ -489,7 +490,7 @@ pub fn forward<T: Real>(
         };
         let axial = times(&model.geometric_axial);
         let centrifugal = times(&model.geometric_centrifugal);
-        let specific = posture.g_e + centripetal * c;
+        let specific = configuration.g_e + centripetal * c;
         for (i, a) in q_acceleration.iter_mut().enumerate() {
             *a -= specific * axial[i] + squared * centrifugal[i];
         }
@@ -503,8 +504,8 @@ pub fn forward<T: Real>(
     if let Some((axial, tip)) = &geometric {
         b_column1 -= r1 * s * weigh(b, axial);
         p_column1 -= r1 * s * weigh(p, axial);
-        b_column_f = -(posture.along_e2(normal) * weigh(b, tip));
-        p_column_f = -(posture.along_e2(normal) * weigh(p, tip));
+        b_column_f = -(configuration.along_e2(normal) * weigh(b, tip));
+        p_column_f = -(configuration.along_e2(normal) * weigh(p, tip));
     }
     let b_free = weigh(b, q_acceleration);
     let p_free = weigh(p, q_acceleration);
@@ -519,30 +520,30 @@ pub fn forward<T: Real>(
             c64(model.link1_inertia + model.link2_mass * model.arm.link1_length_m.powi(2))
                 - lever * b_column1,
             coupling - lever * c64(dot(b, p)),
-            r1 * posture.along_n1(normal) - lever * b_column_f,
+            r1 * configuration.along_n1(normal) - lever * b_column_f,
         ],
         [
             coupling - p_column1,
             c64(model.link2_inertia - dot(p, p)) + translating(model, q, q),
-            r2 * posture.along_n2(normal) - p_column_f,
+            r2 * configuration.along_n2(normal) - p_column_f,
         ],
         [
-            r1 * posture.along_n1(normal),
-            r2 * posture.along_n2(normal),
+            r1 * configuration.along_n1(normal),
+            r2 * configuration.along_n2(normal),
             T::ZERO,
         ],
     ];
     let right = [
         r1 * (c * bq * squared + s * (s2 * squared + two * bq_rate * rate2))
-            + c64(model.joint1_moment) * posture.g_n1
+            + c64(model.joint1_moment) * configuration.g_n1
             + tau1
             - tau2
             - lever * b_free,
-        s2 * across - bq * (posture.g_e + centripetal * c) + tau2
+        s2 * across - bq * (configuration.g_e + centripetal * c) + tau2
             - two * translating(model, q, q_rate) * rate2
             - p_free,
-        centripetal * (normal[0] * posture.e1[0] + normal[1] * posture.e1[1])
-            + r2 * squared * posture.along_e2(normal),
+        centripetal * (normal[0] * configuration.e1[0] + normal[1] * configuration.e1[1])
+            + r2 * squared * configuration.along_e2(normal),
     ];
     let [acceleration1, acceleration2, force] = solve3(&matrix, &right);
 
@@ -551,14 +552,15 @@ pub fn forward<T: Real>(
     }
     if let Some((axial, tip)) = &geometric {
         for (i, a) in q_acceleration.iter_mut().enumerate() {
-            *a += r1 * s * axial[i] * acceleration1 + posture.along_e2(normal) * tip[i] * force;
+            *a +=
+                r1 * s * axial[i] * acceleration1 + configuration.along_e2(normal) * tip[i] * force;
         }
     }
     ([acceleration1, acceleration2], force)
 }
 
 /// Solves a 3 x 3 system by Cramer's rule; its determinant is that of a mass matrix
-/// bordered by a constraint and does not vanish away from singular postures.
+/// bordered by a constraint and does not vanish away from singular configurations.
 fn solve3<T: Real>(m: &[[T; 3]; 3], b: &[T; 3]) -> [T; 3] {
     let minor = |i: usize, j: usize| {
         let (r, s) = ((i + 1) % 3, (i + 2) % 3);
@@ -574,11 +576,11 @@ fn solve3<T: Real>(m: &[[T; 3]; 3], b: &[T; 3]) -> [T; 3] {
 /// Kinetic energy plus elastic and gravitational potential, J, of the arm in `state`.
 /// Without the geometric stiffness, which has no potential in this formulation.
 pub fn energy(model: &ArmModel, state: State<'_, f64>) -> f64 {
-    let posture = Posture::new(model, state.angle());
+    let configuration = Configuration::new(model, state.angle());
     let [rate1, rate2] = state.rate();
     let (q, q_rate) = (state.q(), state.q_rate());
     let r1 = model.arm.link1_length_m;
-    let (c, s) = (posture.c, posture.s);
+    let (c, s) = (configuration.c, configuration.s);
     let bq = dot(&model.first_moment, q);
     let kinetic = 0.5 * (model.link1_inertia + model.link2_mass * r1 * r1) * rate1 * rate1
         + r1 * (model.link2_moment * c - bq * s) * rate1 * rate2
@@ -592,9 +594,9 @@ pub fn energy(model: &ArmModel, state: State<'_, f64>) -> f64 {
         .map(|(q, k)| 0.5 * k * q * q)
         .sum();
     let g = model.arm.gravity_m_s2;
-    let gravity = -model.joint1_moment * (g[0] * posture.e1[0] + g[1] * posture.e1[1])
-        - model.link2_moment * posture.g_e
-        - bq * posture.g_n;
+    let gravity = -model.joint1_moment * (g[0] * configuration.e1[0] + g[1] * configuration.e1[1])
+        - model.link2_moment * configuration.g_e
+        - bq * configuration.g_n;
     kinetic + elastic + gravity
 }
 
@@ -635,7 +637,7 @@ mod tests {
                     rate: state.rate(),
                     acceleration,
                 },
-                posture: Posture::new(&model, state.angle()),
+                configuration: Configuration::new(&model, state.angle()),
                 q: state.q(),
                 q_rate: state.q_rate(),
                 q_acceleration: &q_acceleration,
@@ -661,8 +663,8 @@ mod tests {
                 acceleration: [2.0, -5.0],
             };
             let force = [0.5, 1.5];
-            let posture = Posture::new(&model, state.angle());
-            let equation = deflection_equation(&model, &joint, &posture, force, false);
+            let configuration = Configuration::new(&model, state.angle());
+            let equation = deflection_equation(&model, &joint, &configuration, force, false);
             let n = model.dof();
             let mut value = vec![0.0; n];
             let mut unused = [(); 2].map(|()| DMatrix::zeros(n, n));
@@ -684,7 +686,7 @@ mod tests {
             let q_acceleration = q_acceleration.as_slice();
             let motion = Motion {
                 joint,
-                posture,
+                configuration,
                 q: state.q(),
                 q_rate: state.q_rate(),
                 q_acceleration,
@@ -709,8 +711,8 @@ mod tests {
                 rate: state.rate(),
                 acceleration: [2.0, -5.0],
             };
-            let posture = Posture::new(&model, state.angle());
-            let equation = deflection_equation(&model, &joint, &posture, [0.0, 2.0], false);
+            let configuration = Configuration::new(&model, state.angle());
+            let equation = deflection_equation(&model, &joint, &configuration, [0.0, 2.0], false);
             let evaluate = |q: &[f64], v: &[f64]| {
                 let mut value = vec![0.0; n];
                 let (mut by_q, mut by_rate) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));

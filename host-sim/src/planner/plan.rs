@@ -13,7 +13,7 @@
 
 use crate::model::arm_model::{ArmModel, ModelError, dot};
 use crate::model::dynamics;
-use crate::model::dynamics::{Motion, Posture, Surface};
+use crate::model::dynamics::{Configuration, Motion, Surface};
 use crate::planner::collocation;
 use crate::planner::collocation::{CollocationError, Solution};
 use crate::planner::path::{Line, TipMotion};
@@ -298,8 +298,14 @@ impl Deflection<'_> {
                 self.model.arm.elbow,
             )
             .unwrap_or_default();
-        let posture = Posture::new(self.model, joint.angle);
-        dynamics::deflection_equation(self.model, &joint, &posture, self.force, self.as_printed)
+        let configuration = Configuration::new(self.model, joint.angle);
+        dynamics::deflection_equation(
+            self.model,
+            &joint,
+            &configuration,
+            self.force,
+            self.as_printed,
+        )
     }
 }
 
@@ -406,8 +412,8 @@ fn zeros_of(model: &ArmModel, angle: [f64; 2], force: [f64; 2]) -> Vec<Complex<f
         angle,
         ..JointMotion::default()
     };
-    let posture = Posture::new(model, angle);
-    let equation = dynamics::deflection_equation(model, &joint, &posture, force, false);
+    let configuration = Configuration::new(model, angle);
+    let equation = dynamics::deflection_equation(model, &joint, &configuration, force, false);
     let (mut by_q, mut by_rate) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
     let zeros = vec![0.0; n];
     let mut value = vec![0.0; n];
@@ -439,7 +445,7 @@ pub fn slowest_zeros(model: &ArmModel, angle: [f64; 2], force: [f64; 2]) -> [f64
 }
 
 impl Task {
-    /// Length of a window, s, at the posture `angle`; `growing` before the motion,
+    /// Length of a window, s, at the joint angles `angle`; `growing` before the motion,
     /// decaying after it.
     fn window(
         model: &ArmModel,
@@ -519,7 +525,7 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
     check_path(&model, &path)?;
 
     let rate = f64::from(tick_rate_hz);
-    let posture = |share: f64| {
+    let configuration = |share: f64| {
         let point = [0, 1].map(|i| path.from[i] + share * (path.to[i] - path.from[i]));
         let t_s = path.time_of_share(share);
         model
@@ -531,7 +537,7 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
                 source,
             })
     };
-    let (start, end) = (posture(0.0)?, posture(1.0)?);
+    let (start, end) = (configuration(0.0)?, configuration(1.0)?);
     let pre = Task::window(&model, task.pre_actuation, start, force, true)?;
     let post = Task::window(&model, task.post_actuation, end, force, false)?;
 
@@ -575,8 +581,9 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
                     angle,
                     ..JointMotion::default()
                 };
-                let posture = Posture::new(&model, angle);
-                let equation = dynamics::deflection_equation(&model, &joint, &posture, force, true);
+                let configuration = Configuration::new(&model, angle);
+                let equation =
+                    dynamics::deflection_equation(&model, &joint, &configuration, force, true);
                 model.nodal.stiffness.clone().lu().solve(&equation.constant)
             }
         };
@@ -816,10 +823,10 @@ impl Sampler<'_> {
             &mut self.q_acceleration,
         );
         let force = plan.force();
-        let posture = Posture::new(model, joint.angle);
+        let configuration = Configuration::new(model, joint.angle);
         let motion = Motion {
             joint,
-            posture,
+            configuration,
             q: &self.q,
             q_rate: &self.q_rate,
             q_acceleration: &self.q_acceleration,
@@ -854,7 +861,7 @@ impl Sampler<'_> {
     pub fn residual(&self, point: &PlanPoint) -> DVector<f64> {
         let motion = Motion {
             joint: point.joint,
-            posture: Posture::new(&self.plan.model, point.joint.angle),
+            configuration: Configuration::new(&self.plan.model, point.joint.angle),
             q: &self.q,
             q_rate: &self.q_rate,
             q_acceleration: &self.q_acceleration,

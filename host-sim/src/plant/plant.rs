@@ -13,7 +13,7 @@
 
 use crate::model::arm_model::{ArmModel, ModelError, dot};
 use crate::model::dynamics;
-use crate::model::dynamics::{Drive, Posture, State, Surface};
+use crate::model::dynamics::{Configuration, Drive, State, Surface};
 use crate::planner::plan::Plan;
 use crate::plant::integrator::{Integrator, STEP_TIMES_FREQUENCY};
 use flexor::model::ArmParameters;
@@ -381,20 +381,20 @@ impl Plant {
 /// on `surface`: eliminating the sliding motion leaves the modes with a reduced mass
 /// `1 - h h' / m`, whose stiffness is at most `omega_max^2 + |omega h|^2 / (m - h.h)`.
 fn highest_frequency(model: &ArmModel, surface: &Surface, angle: [f64; 2]) -> f64 {
-    let posture = Posture::new(model, angle);
+    let configuration = Configuration::new(model, angle);
     let (r1, r2) = (model.arm.link1_length_m, model.arm.link2_length_m);
     // Rates of the two angles when the tip slides.
     let slide = [
-        -r2 * posture.along_n2(surface.normal),
-        r1 * posture.along_n1(surface.normal),
+        -r2 * configuration.along_n2(surface.normal),
+        r1 * configuration.along_n1(surface.normal),
     ];
     let mass = (model.link1_inertia + model.link2_mass * r1 * r1) * slide[0] * slide[0]
-        + 2.0 * r1 * model.link2_moment * posture.c * slide[0] * slide[1]
+        + 2.0 * r1 * model.link2_moment * configuration.c * slide[0] * slide[1]
         + model.link2_inertia * slide[1] * slide[1];
     let (mut coupling, mut stiffness) = (0.0, 0.0);
     for i in 0..model.dof() {
-        let h =
-            slide[0] * r1 * posture.c * model.first_moment[i] + slide[1] * model.second_moment[i];
+        let h = slide[0] * r1 * configuration.c * model.first_moment[i]
+            + slide[1] * model.second_moment[i];
         coupling += h * h;
         stiffness += h * h * model.stiffness[i];
     }

@@ -249,7 +249,7 @@ impl Linear {
     /// Linearises `variant` at `point`.
     ///
     /// # Errors
-    /// [`StabilityError::Posture`] where the tip is out of the arm's reach,
+    /// [`StabilityError::Configuration`] where the tip is out of the arm's reach,
     /// [`StabilityError::NotFinite`] where the equations have no finite derivative.
     pub fn new(variant: &Variant, point: &OperatingPoint) -> Result<Self, StabilityError> {
         let size = point.state.len();
@@ -271,7 +271,7 @@ impl Linear {
                 torque[column - size] = Dual::new(torque[column - size].value(), 1.0);
             }
             let output = derivative(variant, point, &y, torque, &mut rate).map_err(|source| {
-                StabilityError::Posture {
+                StabilityError::Configuration {
                     t_s: point.t,
                     source,
                 }

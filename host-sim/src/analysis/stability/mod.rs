@@ -57,7 +57,7 @@ pub enum StabilityError {
     },
     /// The tip is out of reach.
     #[error("at t = {t_s:.4} s the posture is {source}")]
-    Posture {
+    Configuration {
         /// When, s.
         t_s: f64,
         /// What is wrong there.

@@ -259,7 +259,7 @@ fn mismatch(
         let mut rate = vec![0.0; state.len()];
         let output: [f64; OUTPUTS] =
             linear::derivative(variant, &point, state, point.torque, &mut rate)
-                .map_err(|source| StabilityError::Posture { t_s: t, source })?;
+                .map_err(|source| StabilityError::Configuration { t_s: t, source })?;
         Ok::<_, StabilityError>((rate, output))
     };
     let (model, from) = (&variant.model, &planned.model);
