@@ -8,7 +8,7 @@ use flexor_sim::analysis::stability::advice::warning;
 use flexor_sim::analysis::stability::linear::{
     ANGLE1, ANGLE2, FORCE, Linear, OperatingPoint, SLOPE, SLOPE_RATE, TIP, Variant,
 };
-use flexor_sim::analysis::stability::map::Gain;
+use flexor_sim::analysis::stability::map::GainId;
 use flexor_sim::analysis::stability::path;
 use flexor_sim::analysis::stability::path::{Report, Spread};
 use flexor_sim::analysis::stability::printed::Printed;
@@ -558,10 +558,10 @@ fn gains_too_big_for_the_tick_are_told_with_mode_point_and_remedy() {
 fn gains_that_no_controller_has_are_refused_by_name() {
     let plan = paper_plan(5000);
     for (gain, value) in [
-        (Gain::ForceIntegral, -1.0),
-        (Gain::SlopeRate, f64::NAN),
-        (Gain::ForceProportional, 1e9),
-        (Gain::ForceDerivative, f64::INFINITY),
+        (GainId::ForceIntegral, -1.0),
+        (GainId::SlopeRate, f64::NAN),
+        (GainId::ForceProportional, 1e9),
+        (GainId::ForceDerivative, f64::INFINITY),
     ] {
         let law = gain.set(&default_law(), value);
         let result = Report::new(

@@ -5,7 +5,7 @@ use super::plan::Planned;
 use super::{CliError, Common, Output, controller, print, print_facts, progress_bar};
 use crate::analysis::stability::advice::{advice, warning};
 use crate::analysis::stability::linear::{Linear, OperatingPoint, Variant};
-use crate::analysis::stability::map::Gain;
+use crate::analysis::stability::map::GainId;
 use crate::analysis::stability::path::{Report, Spread, Summary};
 use crate::analysis::stability::printed::Printed;
 use crate::analysis::stability::tune::TuneOptions;
@@ -145,12 +145,12 @@ enum GainArg {
 }
 
 impl GainArg {
-    fn gain(self) -> Gain {
+    fn gain(self) -> GainId {
         match self {
-            Self::KDf => Gain::ForceDerivative,
-            Self::KPf => Gain::ForceProportional,
-            Self::KIf => Gain::ForceIntegral,
-            Self::KW => Gain::SlopeRate,
+            Self::KDf => GainId::ForceDerivative,
+            Self::KPf => GainId::ForceProportional,
+            Self::KIf => GainId::ForceIntegral,
+            Self::KW => GainId::SlopeRate,
         }
     }
 }
@@ -298,7 +298,7 @@ fn write_page(
     setting: &Setting,
     law: &LawParameters,
     report: &Report,
-    map_of: [Gain; 2],
+    map_of: [GainId; 2],
     warnings: &[String],
     facts: &[(String, String)],
     output: &Output<'_>,
@@ -660,7 +660,7 @@ fn tune_command(args: &TuneArgs) -> Result<(), CliError> {
     ];
     let file = controller_toml(law, &how);
     output.write("controller.toml", |w| w.write_all(file.as_bytes()))?;
-    let map_of = [Gain::ForceIntegral, Gain::SlopeRate];
+    let map_of = [GainId::ForceIntegral, GainId::SlopeRate];
     let warnings = warnings(&setting, law, report)?;
     write_page(&setting, law, report, map_of, &warnings, &facts, &output)?;
 

@@ -63,12 +63,12 @@ impl Exponent {
 
 /// A constant factor: `high_product` with the mantissa, then a left shift.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Gain {
+pub struct ShiftedGain {
     mantissa: i32,
     up: u8,
 }
 
-impl Gain {
+impl ShiftedGain {
     /// The factor `ratio` between the numbers, with as small a shift as it allows.
     fn new(ratio: f64) -> Self {
         let mut up = 0_u8;
@@ -190,10 +190,10 @@ const SUM_TOP: i32 = 1 << 30;
 
 impl Scalar for Fixed {
     type Format = Exponent;
-    type Gain = Gain;
+    type Gain = ShiftedGain;
     type Weight = i32;
     type Shift = u8;
-    type Turn = Gain;
+    type Turn = ShiftedGain;
     type Sum = i64;
     type Count = u32;
     type Quantum = Quantum;
@@ -216,11 +216,11 @@ impl Scalar for Fixed {
         of(constant.bits)
     }
 
-    fn gain(value: f64, from: Exponent, to: Exponent) -> Gain {
-        Gain::new(value * from.range() / to.range())
+    fn gain(value: f64, from: Exponent, to: Exponent) -> ShiftedGain {
+        ShiftedGain::new(value * from.range() / to.range())
     }
 
-    fn gain_value(gain: Gain, from: Exponent, to: Exponent) -> f64 {
+    fn gain_value(gain: ShiftedGain, from: Exponent, to: Exponent) -> f64 {
         gain.ratio() * to.range() / from.range()
     }
 
@@ -237,8 +237,8 @@ impl Scalar for Fixed {
         up.clamp(0, 31) as u8
     }
 
-    fn turn(format: Exponent) -> Gain {
-        Gain::new(format.range() * core::f64::consts::FRAC_1_PI)
+    fn turn(format: Exponent) -> ShiftedGain {
+        ShiftedGain::new(format.range() * core::f64::consts::FRAC_1_PI)
     }
 
     #[inline]
@@ -274,7 +274,7 @@ impl Scalar for Fixed {
     }
 
     #[inline]
-    fn scaled(self, gain: Gain, count: &mut u32) -> Self {
+    fn scaled(self, gain: ShiftedGain, count: &mut u32) -> Self {
         shifted(high_product(bits(self), gain.mantissa), gain.up, count)
     }
 
@@ -324,7 +324,7 @@ impl Scalar for Fixed {
     }
 
     #[inline]
-    fn reduced(self, turn: Gain) -> Self {
+    fn reduced(self, turn: ShiftedGain) -> Self {
         // Half a turn is 2^31: what the shift drops is whole turns.
         let angle = high_product(bits(self), turn.mantissa).wrapping_shl(turn.up.into());
         // Beyond a quarter turn: sin(a) = sin(half a turn - a).

@@ -15,10 +15,10 @@ pub const CAUTION_DB: f64 = 6.0;
 pub const CAUTION_TICKS: f64 = 1.0;
 
 /// A gain of the law: its key in `controller.toml`, and access to it.
-type Gain = (&'static str, fn(&mut LawParameters) -> &mut f64);
+type GainField = (&'static str, fn(&mut LawParameters) -> &mut f64);
 
 /// The law's gains.
-pub(super) const GAINS: [Gain; 4] = [
+pub(super) const GAINS: [GainField; 4] = [
     ("K_DF_s", |law| &mut law.force_derivative_s),
     ("K_PF", |law| &mut law.force_proportional),
     ("K_IF_per_s", |law| &mut law.force_integral_per_s),

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 /// A gain of the law.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Gain {
+pub enum GainId {
     /// K_DF, s.
     ForceDerivative,
     /// K_PF.
@@ -22,7 +22,7 @@ pub enum Gain {
     SlopeRate,
 }
 
-impl Gain {
+impl GainId {
     /// Its key in `controller.toml`.
     pub fn key(self) -> &'static str {
         GAINS[self as usize].0
@@ -69,7 +69,7 @@ pub enum Class {
 #[derive(Clone, Debug)]
 pub struct Map {
     /// The gains along the abscissa and the ordinate.
-    pub gains: [Gain; 2],
+    pub gains: [GainId; 2],
     /// Their values at the cells' middles.
     pub values: [Vec<f64>; 2],
     /// Classes, row by row from the least ordinate.
@@ -95,7 +95,7 @@ pub fn map(
     plan: &Plan,
     variant: &Variant,
     law: &LawParameters,
-    gains: [Gain; 2],
+    gains: [GainId; 2],
 ) -> Result<Map, StabilityError> {
     let spots = path::spots(plan, variant, &path::times(plan, POINTS))?;
     let contact = spots.first().map_or(1.0, Spot::contact_frequency);

@@ -22,7 +22,7 @@
 
 use super::StabilityError;
 use super::linear::{self, FORCE, Linear, OUTPUTS, OperatingPoint, SLOPE_RATE, Variant};
-use super::map::Gain;
+use super::map::GainId;
 use super::path::{self, Report, Spot, Spread};
 use super::sampled::{LinearLaw, Sampled, with_gains_times};
 use crate::model::arm_model::ELEMENTS_MAX;
@@ -414,7 +414,7 @@ impl Search<'_> {
     /// at most [`WORTH`] larger. Without K_DF and K_PF there is nothing to filter.
     fn simplified(&self, mut law: LawParameters) -> LawParameters {
         let most = WORTH * self.cost(&law);
-        for gain in [Gain::ForceDerivative, Gain::ForceProportional] {
+        for gain in [GainId::ForceDerivative, GainId::ForceProportional] {
             let without = gain.set(&law, 0.0);
             if self.cost(&without) <= most {
                 law = without;

@@ -277,7 +277,7 @@ fn map(map: &Map) -> Result<Figure, ReportError> {
         )])?;
         Ok(())
     })?;
-    let [a, b] = map.gains.map(crate::analysis::stability::map::Gain::key);
+    let [a, b] = map.gains.map(crate::analysis::stability::map::GainId::key);
     Ok(Figure {
         name: "gains_map".into(),
         caption: format!(
