@@ -6,7 +6,7 @@ use flexor::table::Table;
 use flexor_sim::analysis::stability::StabilityError;
 use flexor_sim::analysis::stability::advice::warning;
 use flexor_sim::analysis::stability::linear::{
-    ANGLE1, ANGLE2, FORCE, Linear, OperatingPoint, SLOPE, SLOPE_RATE, TIP, Variant,
+    ANGLE1, ANGLE2, FORCE, Linear, OperatingPoint, PlantVariant, SLOPE, SLOPE_RATE, TIP,
 };
 use flexor_sim::analysis::stability::map::GainId;
 use flexor_sim::analysis::stability::path;
@@ -44,7 +44,7 @@ fn paper_plan(tick_rate_hz: u32) -> Plan {
 #[test]
 fn at_the_papers_start_the_poles_are_the_independent_ones() {
     let plan = paper_plan(5000);
-    let variant = Variant::planned(&plan).unwrap();
+    let variant = PlantVariant::planned(&plan).unwrap();
     let point = OperatingPoint::new(&plan, &mut plan.sampler(), &variant, 0.0).unwrap();
     let poles = Linear::new(&variant, &point).unwrap().poles();
     assert_eq!(poles.len(), 14);
@@ -81,7 +81,7 @@ type Evaluated = (Vec<f64>, [f64; 6]);
 /// The plant's full derivative at independent coordinates `y`: an own route to them by
 /// Newton's method on the two angles, not the library's inverse kinematics.
 fn nonlinear(
-    variant: &Variant,
+    variant: &PlantVariant,
     point: &OperatingPoint,
     near: [f64; 2],
     y: &[f64],
@@ -159,7 +159,7 @@ fn the_linearisation_is_the_derivative_of_the_constrained_plant() {
             ..PlantParameters::default()
         };
         for (parameters, angle) in [(planned_plant(&plan), 0.0), (rich, 0.03)] {
-            let variant = Variant::new(&plan, &parameters, angle).unwrap();
+            let variant = PlantVariant::new(&plan, &parameters, angle).unwrap();
             let mut sampler = plan.sampler();
             for t in [0.0, 0.7, 1.1, 1.6, 2.0] {
                 let point = OperatingPoint::new(&plan, &mut sampler, &variant, t).unwrap();
@@ -287,7 +287,7 @@ fn rays() -> Vec<LawParameters> {
 
 /// The factor on `law`'s gains at which the predicted loop becomes unstable.
 fn predicted_edge(plan: &Plan, law: &LawParameters) -> f64 {
-    let variant = Variant::planned(plan).unwrap();
+    let variant = PlantVariant::planned(plan).unwrap();
     let spots = path::spots(plan, &variant, &path::times(plan, 2)).unwrap();
     let stable = |factor: f64| {
         let law = with_gains_times(law, factor);
@@ -325,7 +325,7 @@ fn compare_edges(tick_rate_hz: u32) {
         let image = table_fit::encode(&plan).unwrap().image;
         let edge = predicted_edge(&plan, ray);
         let beyond = with_gains_times(ray, 1.05 * edge);
-        let variant = Variant::planned(&plan).unwrap();
+        let variant = PlantVariant::planned(&plan).unwrap();
         let spots = path::spots(&plan, &variant, &[0.0]).unwrap();
         let verdict = spots[0].verdict(&plan, &beyond, 0.0);
         let growth = verdict.radius.ln() * f64::from(tick_rate_hz);
@@ -459,7 +459,7 @@ fn the_default_gains_divide_the_softer_arms_force_error_by_three() {
 #[test]
 fn errors_are_predicted_as_they_are_simulated() {
     let (plan, table) = planned(&paper_arm(), &paper_task());
-    let variant = Variant::new(&plan, &cases::plant(3, 0.9), 0.0).unwrap();
+    let variant = PlantVariant::new(&plan, &cases::plant(3, 0.9), 0.0).unwrap();
     let prediction = Prediction::new(&plan, "softer", &variant).unwrap();
     for law in [LawParameters::FEEDFORWARD, default_law()] {
         let predicted = prediction.errors(&plan, &law);
@@ -509,7 +509,7 @@ fn tuning_is_repeatable_and_keeps_its_margins() {
 fn margins_are_where_the_loop_becomes_unstable() {
     let plan = paper_plan(5000);
     let law = default_law();
-    let variant = Variant::planned(&plan).unwrap();
+    let variant = PlantVariant::planned(&plan).unwrap();
     let spots = path::spots(&plan, &variant, &[0.0, 1.0, 1.9]).unwrap();
     for spot in spots {
         let gain = spot.gain_margin_db(&plan, &law, 2.5, path::GAIN_MARGIN_MAX_DB);
@@ -582,7 +582,7 @@ fn gains_that_no_controller_has_are_refused_by_name() {
 #[test]
 fn the_printed_linearisation_misses_the_sliding() {
     let plan = paper_plan(5000);
-    let variant = Variant::planned(&plan).unwrap();
+    let variant = PlantVariant::planned(&plan).unwrap();
     let point = OperatingPoint::new(&plan, &mut plan.sampler(), &variant, 0.0).unwrap();
     let law = LawParameters {
         force_derivative_s: 1e-3,

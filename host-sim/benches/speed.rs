@@ -1,6 +1,6 @@
 //! How long planning, simulating and examining the paper's task takes: `cargo bench`.
 
-use flexor_sim::analysis::stability::linear::{Linear, OperatingPoint, Variant};
+use flexor_sim::analysis::stability::linear::{Linear, OperatingPoint, PlantVariant};
 use flexor_sim::analysis::stability::path::Report;
 use flexor_sim::files::config;
 use flexor_sim::planner::limits::default_limits;
@@ -72,7 +72,7 @@ fn run_2_s_in_closed_loop(bencher: divan::Bencher<'_, '_>, elements: usize) {
 #[divan::bench]
 fn linearise_at_a_point(bencher: divan::Bencher<'_, '_>) {
     let plan = paper(2.0);
-    let variant = Variant::planned(&plan).expect("a model");
+    let variant = PlantVariant::planned(&plan).expect("a model");
     let point = OperatingPoint::new(&plan, &mut plan.sampler(), &variant, 0.7).expect("a point");
     bencher.bench(|| Linear::new(&variant, &point));
 }

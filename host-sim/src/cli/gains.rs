@@ -4,7 +4,7 @@
 use super::plan::Planned;
 use super::{CliError, Common, Output, controller, print, print_facts, progress_bar};
 use crate::analysis::stability::advice::{advice, warning};
-use crate::analysis::stability::linear::{Linear, OperatingPoint, Variant};
+use crate::analysis::stability::linear::{Linear, OperatingPoint, PlantVariant};
 use crate::analysis::stability::map::GainId;
 use crate::analysis::stability::path::{Report, Spread, Summary};
 use crate::analysis::stability::printed::Printed;
@@ -259,13 +259,13 @@ fn spread_json(report: &Report) -> Value {
 }
 
 /// The variant of `setting` that `report` found worst.
-fn worst_variant(setting: &Setting, report: &Report) -> Result<Variant, StabilityError> {
+fn worst_variant(setting: &Setting, report: &Report) -> Result<PlantVariant, StabilityError> {
     let plan = &setting.planned.plan;
     let worst = report.worst();
     let variants = setting.spread.variants(plan, &setting.plant)?;
     match variants.into_iter().find(|(name, _)| *name == worst.name) {
         Some((_, variant)) => Ok(variant),
-        None => Variant::new(plan, &setting.plant, 0.0),
+        None => PlantVariant::new(plan, &setting.plant, 0.0),
     }
 }
 
@@ -281,7 +281,10 @@ fn warnings(
     let (summary, variant) = if report.nominal.stable && !report.worst().stable {
         (report.worst(), worst_variant(setting, report)?)
     } else {
-        (&report.nominal, Variant::new(plan, &setting.plant, 0.0)?)
+        (
+            &report.nominal,
+            PlantVariant::new(plan, &setting.plant, 0.0)?,
+        )
     };
     let mut words = advice(plan, &variant, law, summary, &times)?;
     let growth = report.nominal.sliding_growth_max_per_s;
@@ -304,7 +307,7 @@ fn write_page(
     output: &Output<'_>,
 ) -> Result<(), CliError> {
     let plan = &setting.planned.plan;
-    let variant = Variant::new(plan, &setting.plant, 0.0)?;
+    let variant = PlantVariant::new(plan, &setting.plant, 0.0)?;
     let start = plan.time(0);
     let spots = path::spots(plan, &variant, &[start])?;
     let map = map::map(plan, &variant, law, map_of)?;
@@ -427,7 +430,7 @@ fn examine(args: &ExamineArgs) -> Result<(), CliError> {
     let wall_ms = since.elapsed().as_secs_f64() * 1e3;
     let warnings = warnings(&setting, law, &report)?;
 
-    let variant = Variant::new(plan, &setting.plant, 0.0)?;
+    let variant = PlantVariant::new(plan, &setting.plant, 0.0)?;
     let point = OperatingPoint::new(plan, &mut plan.sampler(), &variant, args.at)?;
     let poles = match args.linearisation {
         LinearisationArg::Exact => Linear::new(&variant, &point)?.poles(),

@@ -109,7 +109,7 @@ pub struct Law<T: Scalar> {
     /// `None` without a filter.
     slope_rate_filter: Option<T::Weight>,
     /// `None` for the default.
-    variant: Option<Variant>,
+    options: Option<LawOptions>,
     /// What takes angles into sines, and products of lever and force into torques.
     turn: T::Turn,
     torque: [T::Shift; 2],
@@ -117,13 +117,13 @@ pub struct Law<T: Scalar> {
 
 /// Options that differ from the default. Together, so that a tick asks once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-struct Variant {
+struct LawOptions {
     projection: ForceProjection,
     slope_rate_feedback: SlopeRateFeedback,
     feedforward: bool,
 }
 
-impl Variant {
+impl LawOptions {
     const DEFAULT: Self = Self {
         projection: ForceProjection::JacobianTranspose,
         slope_rate_feedback: SlopeRateFeedback::Deviation,
@@ -231,7 +231,7 @@ impl<T: Scalar> Law<T> {
             parameters.force_derivative_s * rate,
             parameters.force_proportional,
         ];
-        let variant = Variant {
+        let options = LawOptions {
             projection: parameters.force_projection,
             slope_rate_feedback: parameters.slope_rate_feedback,
             feedforward: parameters.feedforward,
@@ -251,7 +251,7 @@ impl<T: Scalar> Law<T> {
                 formats.torque[1],
             ),
             slope_rate_filter: filter(parameters.slope_rate_filter_hz),
-            variant: (variant != Variant::DEFAULT).then_some(variant),
+            options: (options != LawOptions::DEFAULT).then_some(options),
             turn: T::turn(formats.angle),
             torque: formats
                 .torque
@@ -354,8 +354,8 @@ impl<T: Scalar> Law<T> {
         let lever2 = lever(self.link2_length, normal, second, self.turn, count);
         let mut projection = [lever1.plus_in_range(lever2), lever2];
         let mut planned = (reference.torque, reference.root_slope_rate);
-        if let Some(variant) = &self.variant {
-            (projection, planned) = variant.applied(lever1, projection, planned);
+        if let Some(options) = &self.options {
+            (projection, planned) = options.applied(lever1, projection, planned);
         }
 
         let slope_rate = measured

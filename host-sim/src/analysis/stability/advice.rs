@@ -1,7 +1,7 @@
 //! What is wrong with gains, and what would help: in words.
 
 use super::StabilityError;
-use super::linear::Variant;
+use super::linear::PlantVariant;
 use super::path::{self, Spot, Summary};
 use super::sampled::with_gains_times;
 use crate::planner::plan::Plan;
@@ -66,7 +66,7 @@ fn down(value: f64) -> String {
 /// [`StabilityError`].
 pub fn advice(
     plan: &Plan,
-    variant: &Variant,
+    variant: &PlantVariant,
     law: &LawParameters,
     summary: &Summary,
     times: &[f64],
@@ -136,7 +136,7 @@ pub fn advice(
 /// The lowest of some control rates, Hz, above the variant's at which the loop is stable.
 fn faster(
     plan: &Plan,
-    variant: &Variant,
+    variant: &PlantVariant,
     law: &LawParameters,
     times: &[f64],
 ) -> Result<Option<u32>, StabilityError> {
@@ -146,7 +146,7 @@ fn faster(
         if tick_rate_hz > 1e6 {
             break;
         }
-        let variant = Variant {
+        let variant = PlantVariant {
             tick_rate_hz: tick_rate_hz as u32,
             ..variant.clone()
         };
@@ -169,7 +169,7 @@ pub fn warning(
 ) -> Result<Vec<String>, StabilityError> {
     super::check(law)?;
     let times = path::times(plan, path::DEFAULT_POINTS);
-    let variant = Variant::new(plan, plant, 0.0)?;
+    let variant = PlantVariant::new(plan, plant, 0.0)?;
     let summary = path::glance(plan, "simulated plant", &variant, law, &times)?;
     if summary.stable {
         return Ok(vec![]);

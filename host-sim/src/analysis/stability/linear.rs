@@ -36,7 +36,7 @@ pub const SLOPE: usize = 5;
 
 /// A plant to examine: how it differs from the planned arm, with its model.
 #[derive(Clone, Debug)]
-pub struct Variant {
+pub struct PlantVariant {
     /// The plant's parameters.
     pub parameters: PlantParameters,
     /// Turn of the real surface's normal against the planned one, rad.
@@ -47,7 +47,7 @@ pub struct Variant {
     pub model: ArmModel,
 }
 
-impl Variant {
+impl PlantVariant {
     /// The plant with `parameters` on a surface turned by `contact_angle_rad`, for
     /// `plan`'s arm and control rate.
     ///
@@ -105,7 +105,7 @@ impl OperatingPoint {
     pub fn new(
         plan: &Plan,
         sampler: &mut Sampler<'_>,
-        variant: &Variant,
+        variant: &PlantVariant,
         t: f64,
     ) -> Result<Self, StabilityError> {
         let (model, planned) = (&variant.model, &plan.model);
@@ -163,7 +163,7 @@ impl OperatingPoint {
 /// # Errors
 /// [`KinematicsError`] where the tip is out of reach.
 pub fn derivative<T: Real>(
-    variant: &Variant,
+    variant: &PlantVariant,
     point: &OperatingPoint,
     y: &[T],
     torque: [T; 2],
@@ -251,7 +251,7 @@ impl Linear {
     /// # Errors
     /// [`StabilityError::Configuration`] where the tip is out of the arm's reach,
     /// [`StabilityError::NotFinite`] where the equations have no finite derivative.
-    pub fn new(variant: &Variant, point: &OperatingPoint) -> Result<Self, StabilityError> {
+    pub fn new(variant: &PlantVariant, point: &OperatingPoint) -> Result<Self, StabilityError> {
         let size = point.state.len();
         let mut y: Vec<Dual> = point.state.iter().map(|x| Dual::new(*x, 0.0)).collect();
         let mut torque = point.torque.map(|x| Dual::new(x, 0.0));

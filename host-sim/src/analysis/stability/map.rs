@@ -2,7 +2,7 @@
 
 use super::StabilityError;
 use super::advice::GAINS;
-use super::linear::Variant;
+use super::linear::PlantVariant;
 use super::path::{self, Spot};
 use super::sampled::with_gains_times;
 use crate::planner::plan::Plan;
@@ -93,7 +93,7 @@ const POINTS: usize = 5;
 /// [`StabilityError`].
 pub fn map(
     plan: &Plan,
-    variant: &Variant,
+    variant: &PlantVariant,
     law: &LawParameters,
     gains: [GainId; 2],
 ) -> Result<Map, StabilityError> {

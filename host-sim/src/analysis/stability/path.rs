@@ -2,7 +2,7 @@
 //! arm and for a spread of plants.
 
 use super::StabilityError;
-use super::linear::{Linear, OperatingPoint, Variant};
+use super::linear::{Linear, OperatingPoint, PlantVariant};
 use super::sampled::{LinearLaw, Sampled, with_gains_times};
 use crate::planner::plan::Plan;
 use crate::plant::PlantParameters;
@@ -76,7 +76,7 @@ impl Spot {
     pub fn new(
         plan: &Plan,
         sampler: &mut crate::planner::plan::Sampler<'_>,
-        variant: &Variant,
+        variant: &PlantVariant,
         t: f64,
     ) -> Result<Self, StabilityError> {
         let point = OperatingPoint::new(plan, sampler, variant, t)?;
@@ -286,7 +286,7 @@ impl Spread {
         &self,
         plan: &Plan,
         plant: &PlantParameters,
-    ) -> Result<Vec<(String, Variant)>, StabilityError> {
+    ) -> Result<Vec<(String, PlantVariant)>, StabilityError> {
         let or = |values: &[u32], own: u32| {
             if values.is_empty() {
                 vec![own]
@@ -316,7 +316,7 @@ impl Spread {
                                 root_inertia_kgm2: Some(root + inertia),
                                 ..*plant
                             };
-                            let variant = Variant::new(plan, &parameters, angle)?;
+                            let variant = PlantVariant::new(plan, &parameters, angle)?;
                             for &rate in &rates {
                                 let mut name = format!(
                                     "stiffness x {}, mass x {}, root + {} kg m2",
@@ -333,7 +333,7 @@ impl Spread {
                                 if rates.len() > 1 {
                                     name += &format!(", {rate} Hz");
                                 }
-                                let variant = Variant {
+                                let variant = PlantVariant {
                                     tick_rate_hz: rate,
                                     ..variant.clone()
                                 };
@@ -362,7 +362,11 @@ pub fn times(plan: &Plan, points: usize) -> Vec<f64> {
 ///
 /// # Errors
 /// [`StabilityError`].
-pub fn spots(plan: &Plan, variant: &Variant, times: &[f64]) -> Result<Vec<Spot>, StabilityError> {
+pub fn spots(
+    plan: &Plan,
+    variant: &PlantVariant,
+    times: &[f64],
+) -> Result<Vec<Spot>, StabilityError> {
     let mut sampler = plan.sampler();
     times
         .iter()
@@ -484,7 +488,7 @@ pub fn describe(pole: Complex<f64>, spot: &Spot) -> String {
 pub fn examine(
     plan: &Plan,
     name: &str,
-    variant: &Variant,
+    variant: &PlantVariant,
     law: &LawParameters,
     times: &[f64],
     progress: &(dyn Fn() + Sync),
@@ -517,7 +521,7 @@ pub fn examine(
 pub fn examine_least(
     plan: &Plan,
     name: &str,
-    variant: &Variant,
+    variant: &PlantVariant,
     law: &LawParameters,
     times: &[f64],
     progress: &(dyn Fn() + Sync),
@@ -557,7 +561,7 @@ pub fn examine_least(
 pub fn glance(
     plan: &Plan,
     name: &str,
-    variant: &Variant,
+    variant: &PlantVariant,
     law: &LawParameters,
     times: &[f64],
 ) -> Result<Summary, StabilityError> {
@@ -601,7 +605,7 @@ impl Report {
     ) -> Result<Self, StabilityError> {
         super::check(law)?;
         let times = times(plan, points);
-        let variant = Variant::new(plan, plant, 0.0)?;
+        let variant = PlantVariant::new(plan, plant, 0.0)?;
         let (nominal, points) = examine(plan, "as planned", &variant, law, &times, progress)?;
         let spread = spread
             .variants(plan, plant)?

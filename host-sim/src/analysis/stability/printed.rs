@@ -19,7 +19,7 @@
 //! So its eigenvalues say little about the loop: with the demo's gains, stable in every
 //! simulation, they have pairs that grow (docs/gains.md). They are here to show that.
 
-use super::linear::{OperatingPoint, Variant};
+use super::linear::{OperatingPoint, PlantVariant};
 use flexor::control::{ForceProjection, LawParameters};
 use nalgebra::{Complex, DMatrix};
 
@@ -38,7 +38,7 @@ impl Printed {
     /// direction of the surface's normal, rad; `angle` and `rate` are theta10 and
     /// theta20, rad, and their rates, rad/s. `s2` is the one that the law uses.
     pub fn new(
-        variant: &Variant,
+        variant: &PlantVariant,
         law: &LawParameters,
         normal_angle: f64,
         angle: [f64; 2],
@@ -98,7 +98,7 @@ impl Printed {
 
     /// As [`new`](Self::new), at an operating point of the linearisation.
     pub fn at(
-        variant: &Variant,
+        variant: &PlantVariant,
         law: &LawParameters,
         normal_angle: f64,
         point: &OperatingPoint,

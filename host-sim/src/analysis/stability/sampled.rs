@@ -18,7 +18,7 @@
 //! [`flexor::control::Law::propose`] itself, which is affine in what it remembers and
 //! measures, evaluated on basis vectors.
 
-use super::linear::{FORCE, Linear, SLOPE_RATE, Variant};
+use super::linear::{FORCE, Linear, PlantVariant, SLOPE_RATE};
 use crate::planner::plan::Plan;
 use flexor::control::{Law, LawParameters, LawState};
 use flexor::signals::{Measurement, Reference, Saturation, SaturationCounts};
@@ -161,7 +161,7 @@ pub struct Sampled {
 
 impl Sampled {
     /// Samples `linear` at `tick_rate_hz`.
-    pub fn new(linear: &Linear, variant: &Variant) -> Self {
+    pub fn new(linear: &Linear, variant: &PlantVariant) -> Self {
         Self::at_rate(linear, variant.tick_rate_hz)
     }
 

@@ -21,7 +21,7 @@
 //! point for every plant before they are returned.
 
 use super::StabilityError;
-use super::linear::{self, FORCE, Linear, OUTPUTS, OperatingPoint, SLOPE_RATE, Variant};
+use super::linear::{self, FORCE, Linear, OUTPUTS, OperatingPoint, PlantVariant, SLOPE_RATE};
 use super::map::GainId;
 use super::path::{self, Report, Spot, Spread};
 use super::sampled::{LinearLaw, Sampled, with_gains_times};
@@ -143,8 +143,8 @@ impl Prediction {
     ///
     /// # Errors
     /// [`StabilityError`].
-    pub fn new(plan: &Plan, name: &str, variant: &Variant) -> Result<Self, StabilityError> {
-        let planned = Variant::planned(plan)?;
+    pub fn new(plan: &Plan, name: &str, variant: &PlantVariant) -> Result<Self, StabilityError> {
+        let planned = PlantVariant::planned(plan)?;
         let all = plan.ticks as usize;
         let ticks = (all.div_ceil(SEGMENTS)).next_multiple_of(STRIDE);
         let count = all.div_ceil(ticks).max(1);
@@ -250,12 +250,12 @@ impl Prediction {
 fn mismatch(
     plan: &Plan,
     sampler: &mut crate::planner::plan::Sampler<'_>,
-    planned: &Variant,
-    variant: &Variant,
+    planned: &PlantVariant,
+    variant: &PlantVariant,
     t: f64,
 ) -> Result<(Vec<f64>, [f64; 2]), StabilityError> {
     let point = OperatingPoint::new(plan, sampler, planned, t)?;
-    let evaluate = |variant: &Variant, state: &[f64]| {
+    let evaluate = |variant: &PlantVariant, state: &[f64]| {
         let mut rate = vec![0.0; state.len()];
         let output: [f64; OUTPUTS] =
             linear::derivative(variant, &point, state, point.torque, &mut rate)
@@ -284,7 +284,7 @@ fn mismatch(
 
 /// Deviations of the state from the planned motion at its start: at the plant's own
 /// equilibrium, and with the plan's first shape at rest.
-fn starts(plan: &Plan, variant: &Variant) -> Result<[Vec<f64>; 2], StabilityError> {
+fn starts(plan: &Plan, variant: &PlantVariant) -> Result<[Vec<f64>; 2], StabilityError> {
     let mut sampler = plan.sampler();
     let t = plan.time(0);
     let point = sampler.at(t);
@@ -514,7 +514,7 @@ pub fn tune(
         elements: vec![(2 * options.plant.elements + 2).min(ELEMENTS_MAX)],
         ..corners.clone()
     };
-    let condition = |(_, variant): &(String, Variant), points, at: &[(f64, f64)]| {
+    let condition = |(_, variant): &(String, PlantVariant), points, at: &[(f64, f64)]| {
         Ok::<_, StabilityError>(Condition {
             spots: path::spots(plan, variant, &path::times(plan, points))?,
             at: at.to_vec(),
