@@ -1,7 +1,7 @@
 //! The planner against independent solutions, and against itself where there are none.
 
 use flexor::model::{ArmParameters, Elbow};
-use flexor_sim::planner::path::{Line, Profile};
+use flexor_sim::planner::path::{LinePath, Profile};
 use flexor_sim::planner::plan::{Equations, Plan, PlanError, PlanOptions, Task, Window, plan};
 use flexor_sim::plant::{Plant, PlantParameters, Start};
 use flexor_tests::{Reference, fast_task, paper_arm, paper_task};
@@ -373,7 +373,7 @@ proptest! {
         let reach = r1 + r2;
         let from = [from.0 * reach, from.1 * reach];
         let task = Task {
-            path: Line {
+            path: LinePath {
                 from,
                 to: [from[0] + way.0 * reach, from[1] + way.1 * reach],
                 duration,

@@ -45,7 +45,7 @@ pub struct TipMotion {
 
 /// A straight line travelled in a given time, at rest before and after.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Line {
+pub struct LinePath {
     /// Start, m.
     pub from: [f64; 2],
     /// End, m.
@@ -56,7 +56,7 @@ pub struct Line {
     pub profile: Profile,
 }
 
-impl Line {
+impl LinePath {
     /// The tip's motion at time `t`, s after the start; at rest outside the duration.
     pub fn at(&self, t: f64) -> TipMotion {
         let [s, ds, dds] = self.profile.at(t / self.duration);
@@ -126,7 +126,7 @@ mod tests {
 
         #[test]
         fn times_and_shares_belong_together(share in 0.001..0.999_f64) {
-            let line = Line { from: [0.7, 0.05], to: [0.2, 0.05], duration: 2.0, profile: Profile::Poly11 };
+            let line = LinePath { from: [0.7, 0.05], to: [0.2, 0.05], duration: 2.0, profile: Profile::Poly11 };
             let t = line.time_of_share(share);
             prop_assert!((line.at(t).position[0] - (0.7 - 0.5 * share)).abs() < 1e-12);
         }

@@ -16,7 +16,7 @@ use crate::model::dynamics;
 use crate::model::dynamics::{Configuration, Motion, Surface};
 use crate::planner::collocation;
 use crate::planner::collocation::{CollocationError, Solution};
-use crate::planner::path::{Line, TipMotion};
+use crate::planner::path::{LinePath, TipMotion};
 use crate::text::{Short, near};
 use flexor::model::{ArmParameters, JointMotion, KinematicsError};
 use nalgebra::{Complex, DMatrix, DVector};
@@ -56,7 +56,7 @@ pub enum Window {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Task {
     /// The tip's path and its timing.
-    pub path: Line,
+    pub path: LinePath,
     /// Force on the surface along its normal, N.
     pub normal_force: f64,
     /// Direction that tells the path's two normals apart: the force is along the one
@@ -234,20 +234,20 @@ pub struct Plan {
     /// Largest magnitudes.
     pub peaks: Peaks,
     solution: Solution,
-    turn: Turn,
+    branch: Branch,
 }
 
 /// Makes the angle of the line from joint 1 to the tip continuous along the path: the
 /// principal value jumps where the path crosses the negative a1 axis.
 #[derive(Clone, Copy, Debug)]
-struct Turn {
+struct Branch {
     /// Added to both angles where the tip is above (x2 < 0), and elsewhere, rad.
     above: f64,
     below: f64,
 }
 
-impl Turn {
-    fn of(path: &Line) -> Self {
+impl Branch {
+    fn of(path: &LinePath) -> Self {
         let ([x0, y0], [x1, y1]) = (path.from, path.to);
         let crosses = (y0 < 0.0) != (y1 < 0.0) && x0 * y1 - x1 * y0 != 0.0 && {
             let share = y0 / (y0 - y1);
@@ -274,7 +274,7 @@ impl Turn {
 /// The planner's boundary-value problem.
 struct Deflection<'a> {
     model: &'a ArmModel,
-    path: &'a Line,
+    path: &'a LinePath,
     force: [f64; 2],
     as_printed: bool,
     mass: DMatrix<f64>,
@@ -389,7 +389,7 @@ fn surface(task: &Task) -> Result<Surface, PlanError> {
 
 /// Refuses paths that the arm cannot follow; a straight line is worst at its ends and
 /// where it is nearest to joint 1.
-fn check_path(model: &ArmModel, path: &Line) -> Result<(), PlanError> {
+fn check_path(model: &ArmModel, path: &LinePath) -> Result<(), PlanError> {
     for share in [0.0, path.nearest_share(), 1.0] {
         let t_s = path.time_of_share(share);
         let point_m = [0, 1].map(|i| path.from[i] + share * (path.to[i] - path.from[i]));
@@ -619,7 +619,7 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
         collocation::solve(&problem, mesh, [rest_start.as_slice(), rest_end.as_slice()])?;
 
     let mut plan = Plan {
-        turn: Turn::of(&path),
+        branch: Branch::of(&path),
         surface,
         task: *task,
         equations,
@@ -808,9 +808,9 @@ impl Sampler<'_> {
             )
             .unwrap_or_default();
         let turn = if tip.position[1] < 0.0 {
-            plan.turn.above
+            plan.branch.above
         } else {
-            plan.turn.below
+            plan.branch.below
         };
         joint.angle = joint.angle.map(|a| a + turn);
 

@@ -405,13 +405,13 @@ fn highest_frequency(model: &ArmModel, surface: &Surface, angle: [f64; 2]) -> f6
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::planner::path::{Line, Profile};
+    use crate::planner::path::{LinePath, Profile};
     use crate::planner::plan::{PlanOptions, Task, Window, plan};
     use crate::testing;
 
     fn task(duration: f64) -> Task {
         Task {
-            path: Line {
+            path: LinePath {
                 from: [0.7, 0.05],
                 to: [0.2, 0.05],
                 duration,

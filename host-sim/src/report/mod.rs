@@ -95,7 +95,7 @@ fn write_file(path: &Path, text: &str) -> Result<(), ReportError> {
 #[cfg(test)]
 pub(crate) mod testing {
     //! A short planned motion and a run of it, made once for the tests.
-    use crate::planner::path::{Line, Profile};
+    use crate::planner::path::{LinePath, Profile};
     use crate::planner::plan::{Plan, PlanOptions, Task, Window, plan};
     use crate::plant::{PlantParameters, Start};
     use crate::simulation::closed_loop::{Run, RunOptions, run};
@@ -104,7 +104,7 @@ pub(crate) mod testing {
 
     pub(crate) fn short_run() -> (Plan, Run) {
         let task = Task {
-            path: Line {
+            path: LinePath {
                 from: [0.6, 0.05],
                 to: [0.5, 0.05],
                 duration: 0.4,

@@ -176,8 +176,8 @@ pub fn words(start: &StartReason) -> String {
 }
 
 /// The line to the microcontroller.
-trait Line: Read + Write {}
-impl<T: Read + Write> Line for T {}
+trait SerialLine: Read + Write {}
+impl<T: Read + Write> SerialLine for T {}
 
 /// QEMU with the firmware; ends with the value.
 struct Emulator {
@@ -268,7 +268,7 @@ pub struct Emulation<'a> {
 
 /// The line, its frames and the log on it.
 struct Link {
-    line: Box<dyn Line>,
+    line: Box<dyn SerialLine>,
     /// The serial port's name; `None` for QEMU.
     port: Option<String>,
     /// Longest wait for a reply.
@@ -283,7 +283,7 @@ struct Link {
 
 impl Link {
     fn new(
-        line: impl Line + 'static,
+        line: impl SerialLine + 'static,
         port: Option<String>,
         patience: Duration,
         logs: Option<Logs>,

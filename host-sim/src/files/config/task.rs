@@ -1,7 +1,7 @@
 //! `task.toml`: path, force, and times before and after.
 
 use super::{Check, ConfigError, accepted, optional_pair, pair, parse};
-use crate::planner::path::{Line, Profile};
+use crate::planner::path::{LinePath, Profile};
 use crate::planner::plan::{Task, Window};
 use serde::de::{self, Visitor};
 use serde::{Deserialize, Deserializer};
@@ -106,7 +106,7 @@ pub fn parse_task(file: &str, text: &str) -> Result<Task, ConfigError> {
         }
     }
     Ok(Task {
-        path: Line {
+        path: LinePath {
             from: check.pair("path.from_m", read.path.from_m)?,
             to: check.pair("path.to_m", read.path.to_m)?,
             duration: check.value("duration_s", read.duration_s)?,
