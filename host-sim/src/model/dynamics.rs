@@ -434,7 +434,7 @@ impl<'a, T: Real> State<'a, T> {
 
 /// What acts on the arm besides gravity, elasticity and the surface.
 #[derive(Clone, Copy, Debug)]
-pub struct Drive<T> {
+pub struct Actuation<T> {
     /// Torques (tau1, tau2) on the joints, friction already taken off, N m.
     pub torque: [T; 2],
     /// Whether the axial force changes the bending stiffness.
@@ -449,7 +449,7 @@ pub fn forward<T: Real>(
     model: &ArmModel,
     surface: &Surface,
     state: State<'_, T>,
-    drive: &Drive<T>,
+    drive: &Actuation<T>,
     q_acceleration: &mut [T],
 ) -> ([T; 2], T) {
     let c64 = T::from_f64;
@@ -624,7 +624,7 @@ mod tests {
                 offset_m: 0.0,
             };
             let torque = [-3.0, 0.4];
-            let drive = Drive {
+            let drive = Actuation {
                 torque,
                 geometric_stiffness: false,
             };
@@ -757,7 +757,7 @@ mod tests {
                 state.extend(q);
                 state.extend(vec![0.0; model.dof()]);
                 let mut q_acceleration = vec![0.0; model.dof()];
-                let drive = Drive {
+                let drive = Actuation {
                     torque,
                     geometric_stiffness: geometric,
                 };

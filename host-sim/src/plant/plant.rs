@@ -13,7 +13,7 @@
 
 use crate::model::arm_model::{ArmModel, ModelError, dot};
 use crate::model::dynamics;
-use crate::model::dynamics::{Configuration, Drive, State, Surface};
+use crate::model::dynamics::{Actuation, Configuration, State, Surface};
 use crate::planner::plan::Plan;
 use crate::plant::integrator::{Integrator, STEP_TIMES_FREQUENCY};
 use flexor::model::ArmParameters;
@@ -155,7 +155,7 @@ pub fn derivative<T: Real>(
         .zip(&model.root_slope)
         .fold(T::ZERO, |sum, (v, e)| sum + T::from_f64(*e) * *v);
     let lost = friction(parameters, [rate1, rate2 + root_rate - rate1]);
-    let drive = Drive {
+    let drive = Actuation {
         torque: [torque[0] - lost[0], torque[1] - lost[1]],
         geometric_stiffness: parameters.geometric_stiffness,
     };
