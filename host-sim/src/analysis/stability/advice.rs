@@ -2,7 +2,7 @@
 
 use super::StabilityError;
 use super::linear::PlantVariant;
-use super::path::{self, Spot, Summary};
+use super::path::{self, FrozenPoint, Summary};
 use super::sampled::with_gains_times;
 use crate::planner::plan::Plan;
 use crate::text::near;
@@ -25,7 +25,7 @@ pub(super) const GAINS: [GainField; 4] = [
     ("K_w_Nms_rad", |law| &mut law.slope_rate_nms_rad),
 ];
 
-fn stable(spots: &[Spot], plan: &Plan, law: &LawParameters) -> bool {
+fn stable(spots: &[FrozenPoint], plan: &Plan, law: &LawParameters) -> bool {
     spots
         .par_iter()
         .all(|spot| spot.verdict(plan, law, 0.0).is_stable())
@@ -170,7 +170,7 @@ pub fn warning(
     super::check(law)?;
     let times = path::times(plan, path::DEFAULT_POINTS);
     let variant = PlantVariant::new(plan, plant, 0.0)?;
-    let summary = path::glance(plan, "simulated plant", &variant, law, &times)?;
+    let summary = path::quick_check(plan, "simulated plant", &variant, law, &times)?;
     if summary.stable {
         return Ok(vec![]);
     }

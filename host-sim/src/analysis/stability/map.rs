@@ -3,7 +3,7 @@
 use super::StabilityError;
 use super::advice::GAINS;
 use super::linear::PlantVariant;
-use super::path::{self, Spot};
+use super::path::{self, FrozenPoint};
 use super::sampled::with_gains_times;
 use crate::planner::plan::Plan;
 use flexor::control::LawParameters;
@@ -98,7 +98,7 @@ pub fn map(
     gains: [GainId; 2],
 ) -> Result<Map, StabilityError> {
     let spots = path::spots(plan, variant, &path::times(plan, POINTS))?;
-    let contact = spots.first().map_or(1.0, Spot::contact_frequency);
+    let contact = spots.first().map_or(1.0, FrozenPoint::contact_frequency);
     let values = [0, 1].map(|axis| {
         let own = gains[axis].of(law);
         let middle = if own > 0.0 {

@@ -30,7 +30,7 @@ const DELAYS: [f64; 7] = [0.5, 1.0, 2.0, 3.0, 5.0, 7.0, DELAY_MARGIN_MAX_TICKS];
 
 /// A plant at a point of the path: all that does not depend on the gains.
 #[derive(Clone, Debug)]
-pub struct Spot {
+pub struct FrozenPoint {
     /// Time from the path's start, s.
     pub t: f64,
     /// The sampled plant.
@@ -42,9 +42,9 @@ pub struct Spot {
     pub tick_rate_hz: u32,
 }
 
-/// What the loop does at a [`Spot`] with given gains.
+/// What the loop does at a [`FrozenPoint`] with given gains.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Verdict {
+pub struct StabilityVerdict {
     /// Poles of the closed loop, 1/s (the logarithms of the sampled loop's eigenvalues
     /// over the period), but for the sliding pair and for those that decay within a
     /// tick; slowest first.
@@ -61,14 +61,14 @@ pub struct Verdict {
     pub contact_damping: f64,
 }
 
-impl Verdict {
-    /// Whether every deviation decays, but for the sliding.
+impl StabilityVerdict {
+    /// True if every mode but the tangential one is inside the unit circle.
     pub fn is_stable(&self) -> bool {
         self.radius < 1.0
     }
 }
 
-impl Spot {
+impl FrozenPoint {
     /// `variant` at time `t`, s, of `plan`.
     ///
     /// # Errors
@@ -95,7 +95,7 @@ impl Spot {
     }
 
     /// The closed loop with the gains of `law`, its torques acting `delay_ticks` late.
-    pub fn verdict(&self, plan: &Plan, law: &LawParameters, delay_ticks: f64) -> Verdict {
+    pub fn verdict(&self, plan: &Plan, law: &LawParameters, delay_ticks: f64) -> StabilityVerdict {
         let linear = LinearLaw::new(law, plan, self.sampled.angle(), self.tick_rate_hz);
         let period = self.sampled.period;
         let matrix = self.sampled.closed_loop(&linear, delay_ticks);
@@ -139,7 +139,7 @@ impl Spot {
             .fold(1.0, f64::min);
         let mut poles: Vec<Complex<f64>> = poles.into_iter().map(|(pole, _)| pole).collect();
         super::linear::sort(&mut poles);
-        Verdict {
+        StabilityVerdict {
             poles,
             sliding: sliding.map(|(pole, _)| pole),
             radius,
@@ -366,11 +366,11 @@ pub fn spots(
     plan: &Plan,
     variant: &PlantVariant,
     times: &[f64],
-) -> Result<Vec<Spot>, StabilityError> {
+) -> Result<Vec<FrozenPoint>, StabilityError> {
     let mut sampler = plan.sampler();
     times
         .iter()
-        .map(|t| Spot::new(plan, &mut sampler, variant, *t))
+        .map(|t| FrozenPoint::new(plan, &mut sampler, variant, *t))
         .collect()
 }
 
@@ -380,10 +380,10 @@ pub struct PathPoint {
     /// Time from the path's start, s.
     pub t: f64,
     /// Poles and what follows from them.
-    pub verdict: Verdict,
-    /// Gain margin, dB; see [`Spot::gain_margin_db`].
+    pub verdict: StabilityVerdict,
+    /// Gain margin, dB; see [`FrozenPoint::gain_margin_db`].
     pub gain_margin_db: f64,
-    /// Delay margin; see [`Spot::delay_margin_ticks`].
+    /// Delay margin; see [`FrozenPoint::delay_margin_ticks`].
     pub delay_margin_ticks: f64,
 }
 
@@ -394,7 +394,7 @@ pub struct Summary {
     pub name: String,
     /// Whether the loop is stable at every point.
     pub stable: bool,
-    /// Largest [`Verdict::radius`].
+    /// Largest [`StabilityVerdict::radius`].
     pub spectral_radius_max: f64,
     /// Where that is, s.
     pub worst_t_s: f64,
@@ -402,7 +402,7 @@ pub struct Summary {
     pub worst_pole: Complex<f64>,
     /// What that pole is, in words.
     pub worst_mode: String,
-    /// Least [`Verdict::contact_damping`].
+    /// Least [`StabilityVerdict::contact_damping`].
     pub contact_damping_min: f64,
     /// Least gain margin, dB.
     pub gain_margin_db: f64,
@@ -415,7 +415,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    fn new(name: &str, spots: &[Spot], points: &[PathPoint]) -> Option<Self> {
+    fn new(name: &str, spots: &[FrozenPoint], points: &[PathPoint]) -> Option<Self> {
         let worst = (0..points.len()).max_by(|i, j| {
             points[*i]
                 .verdict
@@ -447,7 +447,7 @@ impl Summary {
 }
 
 /// What a pole, 1/s, of the closed loop at `spot` is, in words.
-pub fn describe(pole: Complex<f64>, spot: &Spot) -> String {
+pub fn describe(pole: Complex<f64>, spot: &FrozenPoint) -> String {
     let hertz = pole.im.abs() / core::f64::consts::TAU;
     let nyquist = 0.5 / spot.sampled.period;
     let contact = spot.contact_frequency();
@@ -558,7 +558,7 @@ pub fn examine_least(
 ///
 /// # Errors
 /// [`StabilityError`].
-pub fn glance(
+pub fn quick_check(
     plan: &Plan,
     name: &str,
     variant: &PlantVariant,

@@ -23,7 +23,7 @@
 use super::StabilityError;
 use super::linear::{self, FORCE, Linear, OUTPUTS, OperatingPoint, PlantVariant, SLOPE_RATE};
 use super::map::GainId;
-use super::path::{self, Report, Spot, Spread};
+use super::path::{self, FrozenPoint, Report, Spread};
 use super::sampled::{LinearLaw, Sampled, with_gains_times};
 use crate::model::arm_model::ELEMENTS_MAX;
 use crate::model::dynamics;
@@ -308,7 +308,7 @@ fn starts(plan: &Plan, variant: &PlantVariant) -> Result<[Vec<f64>; 2], Stabilit
 
 /// Spots of the path with the conditions that a loop must meet there.
 struct Condition {
-    spots: Vec<Spot>,
+    spots: Vec<FrozenPoint>,
     /// Factors on the gains and delays, ticks.
     at: Vec<(f64, f64)>,
 }
@@ -543,7 +543,7 @@ pub fn tune(
     let contact = conditions
         .first()
         .and_then(|c| c.spots.first())
-        .map_or(1.0, Spot::contact_frequency);
+        .map_or(1.0, FrozenPoint::contact_frequency);
     let search = Search {
         plan,
         options,

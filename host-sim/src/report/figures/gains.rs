@@ -8,7 +8,7 @@ use super::{
 };
 use crate::analysis::stability::map::{Class, Map};
 use crate::analysis::stability::path::{
-    DELAY_MARGIN_MAX_TICKS, GAIN_MARGIN_MAX_DB, PathPoint, Spot,
+    DELAY_MARGIN_MAX_TICKS, FrozenPoint, GAIN_MARGIN_MAX_DB, PathPoint,
 };
 use crate::report::ReportError;
 use nalgebra::Complex;
@@ -21,7 +21,7 @@ pub struct Gains<'a> {
     /// The planned arm's loop along the path.
     pub points: &'a [PathPoint],
     /// The plant at the path's first point, for its poles without feedback.
-    pub spots: &'a [Spot],
+    pub spots: &'a [FrozenPoint],
     /// Stability over two gains.
     pub map: &'a Map,
     /// Times of the path, s, first and last.
@@ -61,7 +61,10 @@ const HEAD: f64 = 30.0;
 
 /// Poles of the closed loop along the path.
 fn loci(gains: &Gains<'_>) -> Result<Figure, ReportError> {
-    let contact = gains.spots.first().map_or(1.0, Spot::contact_frequency);
+    let contact = gains
+        .spots
+        .first()
+        .map_or(1.0, FrozenPoint::contact_frequency);
     let open = || gains.spots.iter().flat_map(|spot| &spot.open);
     let broad = open().map(|p| p.re.abs()).fold(contact, f64::max);
     let fast = open().map(|p| p.im).fold(contact, f64::max);
