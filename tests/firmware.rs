@@ -10,7 +10,7 @@ use flexor::link::{
 use flexor::signals::Measurement;
 use flexor::table::{Slot, SlotError};
 use flexor_sim::target::pil::compare_any;
-use flexor_sim::target::{Emulation, Logs, Processor, ProcessorError};
+use flexor_sim::target::{Emulation, Logs, Target, TargetError};
 use object::{Object, ObjectSection, ObjectSymbol};
 use std::cell::RefCell;
 use std::ffi::OsString;
@@ -64,7 +64,7 @@ fn table() -> Vec<u8> {
 }
 
 /// QEMU with a changed table in slot A, and perhaps one in slot B.
-fn boot(change: impl FnOnce(&mut [u8]), slot_b: Option<&[u8]>) -> Processor {
+fn boot(change: impl FnOnce(&mut [u8]), slot_b: Option<&[u8]>) -> Target {
     let (mut bytes, range) = image();
     change(&mut bytes[range]);
     boot_image(&bytes, slot_b)
@@ -81,21 +81,16 @@ fn folder() -> PathBuf {
 }
 
 /// QEMU with any image.
-fn boot_image(bytes: &[u8], slot_b: Option<&[u8]>) -> Processor {
+fn boot_image(bytes: &[u8], slot_b: Option<&[u8]>) -> Target {
     let folder = folder();
-    let processor = boot_logged(bytes, slot_b, &folder, None);
+    let target = boot_logged(bytes, slot_b, &folder, None);
     std::fs::remove_dir_all(folder).unwrap();
-    processor
+    target
 }
 
 /// QEMU with any image; the accesses to peripherals that it lacks go to `accesses` in the
 /// folder.
-fn boot_logged(
-    bytes: &[u8],
-    slot_b: Option<&[u8]>,
-    folder: &Path,
-    logs: Option<Logs>,
-) -> Processor {
+fn boot_logged(bytes: &[u8], slot_b: Option<&[u8]>, folder: &Path, logs: Option<Logs>) -> Target {
     let path = folder.join("image.elf");
     std::fs::write(&path, bytes).unwrap();
     let emulation = Emulation {
@@ -103,7 +98,7 @@ fn boot_logged(
         table_b: slot_b,
         accesses: Some(&folder.join("accesses")),
     };
-    Processor::emulated(&emulation, logs).unwrap()
+    Target::emulated(&emulation, logs).unwrap()
 }
 
 /// Writes to a peripheral's register, out of QEMU's log.
@@ -173,9 +168,9 @@ fn symbol(file: &object::File, part: &str) -> (u32, u64) {
 /// have been switched off first thing.
 fn restart(bytes: &[u8]) -> StartReason {
     let folder = folder();
-    let mut processor = boot_logged(bytes, None, &folder, None);
-    assert_eq!(processor.identity().start, StartReason::Normal);
-    processor.start(Slot::A, &setup()).unwrap();
+    let mut target = boot_logged(bytes, None, &folder, None);
+    assert_eq!(target.identity().start, StartReason::Normal);
+    target.start(Slot::A, &setup()).unwrap();
     let outputs = [ENABLES, TORQUES[0], TORQUES[1]];
     let before = accesses(&folder, &outputs).len();
     // Instead of the command comes the identity that every start sends.
@@ -183,10 +178,10 @@ fn restart(bytes: &[u8]) -> StartReason {
         sequence: 0,
         measured: Measurement::default(),
     };
-    let Reply::Identity(identity) = ask(&mut processor, tick) else {
+    let Reply::Identity(identity) = ask(&mut target, tick) else {
         panic!("no restart");
     };
-    assert_eq!(processor.status().unwrap().mode, Mode::Disabled);
+    assert_eq!(target.status().unwrap().mode, Mode::Disabled);
     let after = accesses(&folder, &outputs);
     // By the handler, and again at the next start.
     assert_eq!(after[before..][..6], [off(), off()].concat());
@@ -208,15 +203,15 @@ fn seal(table: &mut [u8]) {
 /// A request to enable the drives with any slot's table.
 const ARM: Request = Request::Enable { slot: None };
 
-fn ask(processor: &mut Processor, request: Request) -> Reply {
-    processor.ask(&request, "reply").unwrap()
+fn ask(target: &mut Target, request: Request) -> Reply {
+    target.ask(&request, "reply").unwrap()
 }
 
 #[test]
 #[ignore = "needs the image: cargo xtask test"]
 fn it_starts_disabled_with_its_table_and_says_so() {
-    let mut processor = boot(untouched, None);
-    let identity = *processor.identity();
+    let mut target = boot(untouched, None);
+    let identity = *target.identity();
     let version = identity.version.map(|number| number.to_string()).join(".");
     // Firmware and host are released together.
     assert_eq!(version, env!("CARGO_PKG_VERSION"));
@@ -230,7 +225,7 @@ fn it_starts_disabled_with_its_table_and_says_so() {
         (identity.core_hz, identity.stopwatch_hz),
         (16_000_000, 16_000_000)
     );
-    let status = processor.status().unwrap();
+    let status = target.status().unwrap();
     assert_eq!((status.mode, status.fault), (Mode::Disabled, None));
 }
 
@@ -239,22 +234,22 @@ fn it_starts_disabled_with_its_table_and_says_so() {
 fn without_released_stop_it_does_not_arm() {
     // QEMU's inputs read 0: the stop is pressed.
     let good = table();
-    let mut processor = boot(untouched, Some(&good));
+    let mut target = boot(untouched, Some(&good));
     let stop = Reply::Refused(Refusal::Cause(Fault::EmergencyStop));
     for slot in [None, Some(Slot::A), Some(Slot::B)] {
-        assert_eq!(ask(&mut processor, Request::Enable { slot }), stop);
-        assert_eq!(processor.status().unwrap().mode, Mode::Disabled);
+        assert_eq!(ask(&mut target, Request::Enable { slot }), stop);
+        assert_eq!(target.status().unwrap().mode, Mode::Disabled);
     }
     // A slot that was asked for is never replaced by the other.
-    let mut processor = boot(untouched, None);
+    let mut target = boot(untouched, None);
     let (a, b) = (Some(Slot::A), Some(Slot::B));
     let refused = Reply::Refused(Refusal::Table(SlotError::Magic));
-    assert_eq!(ask(&mut processor, Request::Enable { slot: a }), stop);
-    assert_eq!(ask(&mut processor, Request::Enable { slot: b }), refused);
-    let mut processor = boot(|table| table[0] ^= 1, Some(&good));
-    assert_eq!(ask(&mut processor, Request::Enable { slot: a }), refused);
-    assert_eq!(ask(&mut processor, Request::Enable { slot: b }), stop);
-    assert_eq!(ask(&mut processor, ARM), stop);
+    assert_eq!(ask(&mut target, Request::Enable { slot: a }), stop);
+    assert_eq!(ask(&mut target, Request::Enable { slot: b }), refused);
+    let mut target = boot(|table| table[0] ^= 1, Some(&good));
+    assert_eq!(ask(&mut target, Request::Enable { slot: a }), refused);
+    assert_eq!(ask(&mut target, Request::Enable { slot: b }), stop);
+    assert_eq!(ask(&mut target, ARM), stop);
 }
 
 #[test]
@@ -262,38 +257,38 @@ fn without_released_stop_it_does_not_arm() {
 fn sensors_are_told_in_every_mode() {
     // QEMU has no converters, no inputs that are on, and timers that do not know encoders but
     // count the time.
-    let mut processor = boot(untouched, None);
-    let check = |processor: &mut Processor| {
-        let report = processor.sensors().unwrap();
+    let mut target = boot(untouched, None);
+    let check = |target: &mut Target| {
+        let report = target.sensors().unwrap();
         let RawSample { force, strain, .. } = report.raw;
         assert_eq!((force, strain, report.raw.fresh), (0, 0, false));
         assert!(!report.interlocks.estop_released && !report.interlocks.drives_ok);
         assert!(!report.in_range, "no counts are a converter's rail");
         report
     };
-    assert!(!check(&mut processor).homed);
-    processor.home().unwrap();
-    assert!(check(&mut processor).homed);
-    processor.start(Slot::A, &setup()).unwrap();
+    assert!(!check(&mut target).homed);
+    target.home().unwrap();
+    assert!(check(&mut target).homed);
+    target.start(Slot::A, &setup()).unwrap();
     // What the sensors say, and not what the host says in their place.
     let simulated = Measurement {
         force: 7.0,
         ..Measurement::default()
     };
-    processor.tick(0, &simulated).unwrap();
-    let report = check(&mut processor);
+    target.tick(0, &simulated).unwrap();
+    let report = check(&mut target);
     // The timers may have turned unseen.
     assert!(!report.homed);
     assert!(matches!(
-        processor.home(),
-        Err(ProcessorError::Refused(Refusal::Busy))
+        target.home(),
+        Err(TargetError::Refused(Refusal::Busy))
     ));
     let measured = report.measured;
     // No counts are the lowest force and slope, below their zeros in the middle.
     assert!((measured.force + 20.0).abs() < 0.1, "{}", measured.force);
     assert!((measured.root_slope + 0.5).abs() < 0.01);
     assert_eq!(measured.root_slope_rate, 0.0);
-    assert_eq!(processor.status().unwrap().mode, Mode::LockStep);
+    assert_eq!(target.status().unwrap().mode, Mode::LockStep);
 }
 
 #[test]
@@ -330,7 +325,7 @@ fn a_bad_table_is_named_and_the_other_slot_used() {
         assert_eq!(ask(&mut alone, ARM), refused);
         assert!(matches!(
             alone.start(Slot::A, &setup()),
-            Err(ProcessorError::Refused(Refusal::Table(found))) if found == error
+            Err(TargetError::Refused(Refusal::Table(found))) if found == error
         ));
 
         let mut with_b = boot(change, Some(&good));
@@ -345,48 +340,46 @@ fn a_bad_table_is_named_and_the_other_slot_used() {
 #[test]
 #[ignore = "needs the image: cargo xtask test"]
 fn any_measurement_gives_the_same_command_as_on_the_host() {
-    let mut processor = boot(untouched, None);
-    let differing = compare_any(&mut processor, &table(), &setup(), 2000, 7, |_| {}).unwrap();
+    let mut target = boot(untouched, None);
+    let differing = compare_any(&mut target, &table(), &setup(), 2000, 7, |_| {}).unwrap();
     assert_eq!(differing, 0);
 }
 
 #[test]
 #[ignore = "needs the image: cargo xtask test"]
 fn lock_step_begins_and_ends_on_request() {
-    let mut processor = boot(untouched, None);
+    let mut target = boot(untouched, None);
     let measured = Measurement::default();
     let tick = Request::Measured {
         sequence: 1,
         measured,
     };
     let refused = Reply::Refused(Refusal::NotInLockStep);
-    assert_eq!(ask(&mut processor, tick), refused);
-    assert_eq!(ask(&mut processor, Request::StopLockStep), refused);
+    assert_eq!(ask(&mut target, tick), refused);
+    assert_eq!(ask(&mut target, Request::StopLockStep), refused);
     for end in [Request::StopLockStep, Request::Disable] {
-        processor.start(Slot::A, &setup()).unwrap();
-        assert_eq!(ask(&mut processor, ARM), Reply::Refused(Refusal::Busy));
+        target.start(Slot::A, &setup()).unwrap();
+        assert_eq!(ask(&mut target, ARM), Reply::Refused(Refusal::Busy));
         for sequence in 0..3 {
-            let reply = processor.tick(sequence, &measured).unwrap();
+            let reply = target.tick(sequence, &measured).unwrap();
             assert_eq!(reply.tick, sequence);
         }
-        assert_eq!(processor.status().unwrap().mode, Mode::LockStep);
-        assert_eq!(ask(&mut processor, end), Reply::Done);
-        let before = processor.status().unwrap();
+        assert_eq!(target.status().unwrap().mode, Mode::LockStep);
+        assert_eq!(ask(&mut target, end), Reply::Done);
+        let before = target.status().unwrap();
         assert_eq!(before.mode, Mode::Disabled);
         // The timer runs again. A hundred questions may be over within one of its periods:
         // the emulator's clock follows the host's while the processor sleeps.
         let deadline = Instant::now() + Duration::from_secs(60);
-        while processor.status().unwrap().ticks_total == before.ticks_total {
+        while target.status().unwrap().ticks_total == before.ticks_total {
             assert!(Instant::now() < deadline, "the control timer stands still");
         }
     }
     let mut another_arm = setup();
     another_arm.arm.link2_mass_kg = 0.3;
     assert!(matches!(
-        processor.start(Slot::A, &another_arm),
-        Err(ProcessorError::Refused(Refusal::Table(
-            SlotError::Fingerprint
-        )))
+        target.start(Slot::A, &another_arm),
+        Err(TargetError::Refused(Refusal::Table(SlotError::Fingerprint)))
     ));
 }
 
@@ -462,11 +455,11 @@ fn a_panic_switches_off_resets_and_is_reported() {
 fn drives_stay_off_from_the_first_instant_and_in_lock_step() {
     let folder = folder();
     let (bytes, _) = image();
-    let mut processor = boot_logged(&bytes, None, &folder, None);
-    processor.start(Slot::A, &setup()).unwrap();
+    let mut target = boot_logged(&bytes, None, &folder, None);
+    target.start(Slot::A, &setup()).unwrap();
     let mut given = 0.0_f32;
     for sequence in 0..20 {
-        let reply = processor.tick(sequence, &Measurement::default()).unwrap();
+        let reply = target.tick(sequence, &Measurement::default()).unwrap();
         given = given.max(reply.torque[0].abs());
     }
     assert!(given > 1.0, "torques were computed all the same");
@@ -503,14 +496,14 @@ fn the_log_comes_decoded_over_the_link() {
     let folder = folder();
     let (mut bytes, range) = image();
     bytes[range.start] ^= 1;
-    let mut processor = boot_logged(&bytes, None, &folder, Some(logs));
-    ask(&mut processor, ARM);
+    let mut target = boot_logged(&bytes, None, &folder, Some(logs));
+    ask(&mut target, ARM);
     let has = |words: &str| lines.borrow().iter().any(|line| line.contains(words));
     // The log may lag behind the answers.
     let deadline = Instant::now() + Duration::from_secs(60);
     while !has("refused") {
         assert!(Instant::now() < deadline, "no log: {:?}", lines.borrow());
-        assert_eq!(processor.status().unwrap().logs_lost, 0);
+        assert_eq!(target.status().unwrap().logs_lost, 0);
     }
     assert!(has("info start: Normal, clock: Internal"));
     assert!(has("info slot A: no usable table, Magic"));
@@ -659,7 +652,7 @@ fn pil_refuses_what_the_firmware_cannot_do() {
 #[test]
 #[ignore = "needs the image: cargo xtask test"]
 fn abuse_of_the_link_is_counted_and_survived() {
-    let mut processor = boot(untouched, None);
+    let mut target = boot(untouched, None);
     let mut frame = [0; FRAME_MAX];
     let hello = encode(&Request::Hello, &mut frame).unwrap().to_vec();
     let mut bytes = Vec::new();
@@ -680,8 +673,8 @@ fn abuse_of_the_link_is_counted_and_survived() {
     bytes.push(other.len() as u8 + 1);
     bytes.extend(other);
     bytes.push(0);
-    processor.write(&bytes, "nothing").unwrap();
-    let errors = processor.status().unwrap().frame_errors;
+    target.write(&bytes, "nothing").unwrap();
+    let errors = target.status().unwrap().frame_errors;
     assert_eq!((errors.oversized, errors.version), (1, 1));
     assert_eq!(errors.crc + errors.stuffing, 2);
 
@@ -694,8 +687,8 @@ fn abuse_of_the_link_is_counted_and_survived() {
         })
         .chain([0])
         .collect();
-    processor.write(&noise, "nothing").unwrap();
-    let after = processor.status().unwrap();
+    target.write(&noise, "nothing").unwrap();
+    let after = target.status().unwrap();
     let count =
         |e: flexor::link::FrameErrors| e.oversized + e.stuffing + e.version + e.crc + e.message;
     assert!(count(after.frame_errors) > count(errors) + 20);
@@ -708,9 +701,9 @@ fn abuse_of_the_link_is_counted_and_survived() {
     let status = encode(&Request::Status, &mut frame).unwrap().repeat(FRAMES);
     assert!((400..512).contains(&status.len()));
     for _ in 0..20 {
-        processor.write(&status, "nothing").unwrap();
+        target.write(&status, "nothing").unwrap();
         for _ in 0..FRAMES {
-            let Reply::Status(status) = processor.reply("status").unwrap() else {
+            let Reply::Status(status) = target.reply("status").unwrap() else {
                 panic!("another answer than to a status");
             };
             assert_eq!(status.bytes_lost, after.bytes_lost);
@@ -718,6 +711,6 @@ fn abuse_of_the_link_is_counted_and_survived() {
     }
 
     // And it still works.
-    processor.start(Slot::A, &setup()).unwrap();
-    processor.tick(9, &Measurement::default()).unwrap();
+    target.start(Slot::A, &setup()).unwrap();
+    target.tick(9, &Measurement::default()).unwrap();
 }

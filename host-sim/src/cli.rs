@@ -21,7 +21,7 @@ use crate::planner::plan::{PlanError, Task};
 use crate::report;
 use crate::simulation::closed_loop::{Outcome, Run, RunError};
 use crate::target::pil::{PilError, PilRun};
-use crate::target::{Processor, ProcessorError, pil};
+use crate::target::{Target, TargetError, pil};
 use crate::text::{Short, enough, near};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use flexor::control::LawParameters;
@@ -240,12 +240,12 @@ impl CliError {
                 PilError::TickRate { .. }
                 | PilError::OtherTable { .. }
                 | PilError::Run(_)
-                | PilError::Processor(
-                    ProcessorError::NoImage { .. }
-                    | ProcessorError::NoLogTable { .. }
-                    | ProcessorError::TableTooLong { .. }
-                    | ProcessorError::Port { .. }
-                    | ProcessorError::Refused(_),
+                | PilError::Target(
+                    TargetError::NoImage { .. }
+                    | TargetError::NoLogTable { .. }
+                    | TargetError::TableTooLong { .. }
+                    | TargetError::Port { .. }
+                    | TargetError::Refused(_),
                 ),
             ) => 2,
             Self::Board(error) => error.exit_code(),
@@ -389,11 +389,11 @@ fn pil_command(args: &PilArgs) -> Result<(), CliError> {
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} ticks, {eta} left") {
         progress.set_style(style);
     }
-    let mut processor = args
+    let mut target = args
         .connection
         .open(Some(image), PORT_PATIENCE, &progress)
         .map_err(PilError::from)?;
-    let pil = pil::run(&mut processor, plan, image, options, |_| progress.inc(1))?;
+    let pil = pil::run(&mut target, plan, image, options, |_| progress.inc(1))?;
     let setup = Setup {
         arm: plan.model.arm,
         law: options.law,
@@ -402,18 +402,18 @@ fn pil_command(args: &PilArgs) -> Result<(), CliError> {
     let random_differing = match args.random {
         0 => 0,
         // Any seed; this one, so that a difference comes again.
-        count => pil::compare_any(&mut processor, image, &setup, count, 1, |_| progress.inc(1))?,
+        count => pil::compare_any(&mut target, image, &setup, count, 1, |_| progress.inc(1))?,
     };
     progress.finish_and_clear();
 
-    let mut facts = pil_facts(&processor, &pil);
+    let mut facts = pil_facts(&target, &pil);
     if args.random > 0 {
         facts.push((
             "arbitrary measurements".into(),
             format!("{}, {random_differing} commands differ", args.random),
         ));
     }
-    let mut keys = pil_json(&processor, &pil);
+    let mut keys = pil_json(&target, &pil);
     keys.extend(export::object([
         ("random_measurements", json!(args.random)),
         ("random_differing", json!(random_differing)),
@@ -443,11 +443,11 @@ fn pil_command(args: &PilArgs) -> Result<(), CliError> {
 }
 
 /// What a processor in the loop adds to the summary.
-fn pil_json(processor: &Processor, pil: &PilRun) -> Map<String, Value> {
+fn pil_json(target: &Target, pil: &PilRun) -> Map<String, Value> {
     let spread = pil.counts_spread();
-    let [min, median, max] = spread.map(|counts| processor.instructions(counts));
-    let (version, git) = board::firmware(processor.identity());
-    let [cycles_min, cycles_median, cycles_max] = spread.map(|counts| processor.cycles(counts));
+    let [min, median, max] = spread.map(|counts| target.instructions(counts));
+    let (version, git) = board::firmware(target.identity());
+    let [cycles_min, cycles_median, cycles_max] = spread.map(|counts| target.cycles(counts));
     export::object([
         ("differing_commands", json!(pil.differing_commands)),
         ("first_difference", json!(pil.first_difference)),
@@ -466,12 +466,12 @@ fn pil_json(processor: &Processor, pil: &PilRun) -> Map<String, Value> {
 }
 
 /// The same as facts for a reader.
-fn pil_facts(processor: &Processor, pil: &PilRun) -> Vec<(String, String)> {
-    let identity = processor.identity();
+fn pil_facts(target: &Target, pil: &PilRun) -> Vec<(String, String)> {
+    let identity = target.identity();
     let (version, git) = board::firmware(identity);
     let spread = pil.counts_spread();
-    let [min, median, max] = spread.map(|c| processor.instructions(c).or(processor.cycles(c)));
-    let unit = match processor.instructions(0) {
+    let [min, median, max] = spread.map(|c| target.instructions(c).or(target.cycles(c)));
+    let unit = match target.instructions(0) {
         Some(_) => "instructions a tick",
         None => "cycles a tick",
     };

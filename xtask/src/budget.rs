@@ -9,7 +9,7 @@ use crate::{firmware, inputs, replay, root};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use flexor::table::Slot;
-use flexor_sim::target::{Emulation, Processor, pil};
+use flexor_sim::target::{Emulation, Target, pil};
 use serde::{Deserialize, Serialize};
 use std::fs;
 
@@ -92,16 +92,16 @@ pub(crate) fn budget(options: &Options) -> Result<()> {
         table_b: None,
         accesses: None,
     };
-    let mut processor = Processor::emulated(&emulation, None)?;
+    let mut target = Target::emulated(&emulation, None)?;
     let options_of_run = inputs::options(&setup);
-    let run = pil::run(&mut processor, &plan, &table.image, &options_of_run, |_| {})?;
+    let run = pil::run(&mut target, &plan, &table.image, &options_of_run, |_| {})?;
     ensure!(
         run.slot == Slot::A,
         "the image's own table is not in slot A"
     );
     let [_, median, max] = run
         .counts_spread()
-        .map(|counts| processor.instructions(counts));
+        .map(|counts| target.instructions(counts));
     let none = "the firmware's stopwatch does not count";
     let measured = Budget {
         flash_bytes: sizes.flash,

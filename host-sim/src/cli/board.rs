@@ -6,7 +6,7 @@
 
 use super::{CliError, print, print_facts, say};
 use crate::files::export;
-use crate::target::{DEFAULT_ELF, Emulation, Logs, Processor, ProcessorError, words};
+use crate::target::{DEFAULT_ELF, Emulation, Logs, Target, TargetError, describe_start};
 use clap::{Args, Subcommand, ValueEnum};
 use flexor::fault::Fault;
 use flexor::link::{ClockSource, Identity, Mode, SensorReport, StartReason};
@@ -39,13 +39,13 @@ pub(super) struct ConnectionArgs {
 
 impl ConnectionArgs {
     /// Opens the port, or starts QEMU with a table in slot B. The firmware's log goes to
-    /// standard error, past the bar. A board may take `patience` to answer.
+    /// standard error, past the bar. A board may take `timeout` to answer.
     pub(super) fn open(
         &self,
         table_b: Option<&[u8]>,
-        patience: Duration,
+        timeout: Duration,
         bar: &ProgressBar,
-    ) -> Result<Processor, ProcessorError> {
+    ) -> Result<Target, TargetError> {
         let bar = bar.clone();
         let logs = Logs::new(&self.elf, move |line| {
             bar.suspend(|| say(format_args!("firmware: {line}")));
@@ -56,7 +56,7 @@ impl ConnectionArgs {
                 if let Err(error) = &logs {
                     say(format_args!("no log: {error}"));
                 }
-                Processor::on_port(port, patience, logs.ok())
+                Target::on_port(port, timeout, logs.ok())
             }
             None => {
                 let emulation = Emulation {
@@ -64,7 +64,7 @@ impl ConnectionArgs {
                     table_b,
                     accesses: None,
                 };
-                Processor::emulated(&emulation, Some(logs?))
+                Target::emulated(&emulation, Some(logs?))
             }
         }
     }
@@ -153,7 +153,7 @@ fn timeout(text: &str) -> Result<f64, String> {
 #[derive(Debug, thiserror::Error)]
 pub(super) enum BoardError {
     #[error(transparent)]
-    Processor(#[from] ProcessorError),
+    Target(#[from] TargetError),
     #[error(
         "stopped by fault {} ({fault}) after tick {tick} of {ticks}, drives off; it is latched until `flexor board acknowledge`",
         fault.number()
@@ -166,7 +166,7 @@ pub(super) enum BoardError {
     #[error(
         "it did not confirm to be disabled ({0}); an enabled board stops by itself 100 ms after the last request"
     )]
-    NotDisarmed(ProcessorError),
+    NotDisarmed(TargetError),
     #[error("signals cannot be caught, so it is not enabled: {0}")]
     Signals(io::Error),
 }
@@ -175,10 +175,10 @@ impl BoardError {
     /// 2 where the command line is at fault, 1 elsewhere.
     pub(super) fn exit_code(&self) -> u8 {
         match self {
-            Self::Processor(
-                ProcessorError::NoImage { .. }
-                | ProcessorError::NoLogTable { .. }
-                | ProcessorError::Port { .. },
+            Self::Target(
+                TargetError::NoImage { .. }
+                | TargetError::NoLogTable { .. }
+                | TargetError::Port { .. },
             ) => 2,
             _ => 1,
         }
@@ -200,9 +200,9 @@ pub(super) fn board(args: &BoardArgs) -> Result<(), CliError> {
         }
         _ => ProgressBar::hidden(),
     };
-    let patience = Duration::from_secs_f64(args.timeout_s);
-    let mut processor = args.connection.open(None, patience, &bar).map_err(failed)?;
-    let board = &mut processor;
+    let timeout = Duration::from_secs_f64(args.timeout_s);
+    let mut target = args.connection.open(None, timeout, &bar).map_err(failed)?;
+    let board = &mut target;
     match args.verb {
         Verb::Identity => {
             let identity = *board.identity();
@@ -287,7 +287,7 @@ fn identity_json(identity: &Identity) -> Map<String, Value> {
         ("firmware_git", json!(git)),
         ("protocol_version", json!(flexor::link::VERSION)),
         ("started", json!(start)),
-        ("started_by", json!(words(&identity.start))),
+        ("started_by", json!(describe_start(&identity.start))),
         ("clock", json!(clock(identity.clock).0)),
         ("core_Hz", json!(identity.core_hz)),
         ("stopwatch_Hz", json!(identity.stopwatch_hz)),
@@ -322,7 +322,7 @@ fn identity_facts(identity: &Identity) -> Vec<(&'static str, String)> {
     vec![
         ("firmware", format!("{version}, commit {git}")),
         ("protocol", format!("version {}", flexor::link::VERSION)),
-        ("started by", words(&identity.start)),
+        ("started by", describe_start(&identity.start)),
         (
             "core clock",
             format!(
@@ -377,7 +377,7 @@ fn fault_json(fault: Option<Fault>) -> [(&'static str, Value); 2] {
     ]
 }
 
-fn status(board: &mut Processor, json: bool) -> Result<(), CliError> {
+fn status(board: &mut Target, json: bool) -> Result<(), CliError> {
     let status = board.status().map_err(failed)?;
     let errors = status.frame_errors;
     let counts = status.counts_max;
@@ -424,7 +424,7 @@ fn status(board: &mut Processor, json: bool) -> Result<(), CliError> {
 }
 
 /// Prints what became of the mode and the fault.
-fn standing(board: &mut Processor, json: bool) -> Result<(), CliError> {
+fn standing(board: &mut Target, json: bool) -> Result<(), CliError> {
     let status = board.status().map_err(failed)?;
     let mut keys = export::object([("mode", json!(mode(status.mode)))]);
     keys.extend(export::object(fault_json(status.fault)));
@@ -576,7 +576,7 @@ fn stop_signals() -> Result<Arc<AtomicBool>, CliError> {
 }
 
 /// Prints the sensors until a signal.
-fn follow(board: &mut Processor, json: bool, bar: &ProgressBar) -> Result<(), CliError> {
+fn follow(board: &mut Target, json: bool, bar: &ProgressBar) -> Result<(), CliError> {
     let stop = stop_signals()?;
     let on_terminal = !json && io::stdout().is_terminal();
     if let Ok(style) = ProgressStyle::with_template("{msg}") {
@@ -620,14 +620,14 @@ enum End {
 
 /// Enables, keeps the link alive, and disables, whatever happens in between.
 fn enable(
-    board: &mut Processor,
+    board: &mut Target,
     slot: Option<Slot>,
     json: bool,
     bar: &ProgressBar,
 ) -> Result<(), CliError> {
     let stop = stop_signals()?;
     let granted = match board.enable(slot) {
-        Err(error @ ProcessorError::Refused(_)) => {
+        Err(error @ TargetError::Refused(_)) => {
             // For what it has logged of that; the refusal is known without.
             let _ = board.status();
             return Err(failed(error));
@@ -686,7 +686,7 @@ fn enable(
 /// Keeps the link of an enabled arm alive until it is over: slot, table, how it ended, and the
 /// last tick that was seen.
 fn attend(
-    board: &mut Processor,
+    board: &mut Target,
     slot: Slot,
     table: TableIdentity,
     json: bool,

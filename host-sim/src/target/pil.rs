@@ -1,4 +1,4 @@
-//! Processor in the loop: a [`Processor`] ticks against the simulated plant, and each of its
+//! Target in the loop: a [`Target`] ticks against the simulated plant, and each of its
 //! commands is compared bit by bit with the in-process controller's.
 //!
 //! The firmware's own lock-step mode does this (see [`flexor::link`]); there is no special
@@ -6,7 +6,7 @@
 
 use crate::planner::plan::Plan;
 use crate::simulation::closed_loop::{Run, RunError, RunOptions, run_through};
-use crate::target::target::{Processor, ProcessorError};
+use crate::target::target::{Target, TargetError};
 use flexor::control::{Command, Controller};
 use flexor::link::{Refusal, Setup, Status, TickReply};
 use flexor::signals::{Measurement, Saturation};
@@ -18,7 +18,7 @@ use std::time::Instant;
 pub enum PilError {
     /// The processor could not be talked to, or refused.
     #[error(transparent)]
-    Processor(#[from] ProcessorError),
+    Target(#[from] TargetError),
     /// The plan's rate is not the image's.
     #[error(
         "the plan has {plan_hz} ticks a second, the firmware's timer {firmware_hz}: plan with --tick-rate-hz {firmware_hz}"
@@ -93,16 +93,9 @@ fn same(reply: &TickReply, command: &Command<f32>) -> bool {
 ///
 /// # Errors
 /// [`PilError::OtherTable`] if none has; else other [`PilError`]s.
-pub fn start_with(
-    processor: &mut Processor,
-    image: &[u8],
-    setup: &Setup,
-) -> Result<Slot, PilError> {
+pub fn start_with(target: &mut Target, image: &[u8], setup: &Setup) -> Result<Slot, PilError> {
     let table = Table::open(image).map_err(RunError::from)?;
-    let (plan_hz, firmware_hz) = (
-        table.header().tick_rate_hz,
-        processor.identity().tick_rate_hz,
-    );
+    let (plan_hz, firmware_hz) = (table.header().tick_rate_hz, target.identity().tick_rate_hz);
     if plan_hz != firmware_hz {
         return Err(PilError::TickRate {
             plan_hz,
@@ -112,10 +105,10 @@ pub fn start_with(
     let wanted = TableIdentity::from(&table);
     let mut found = [String::new(), String::new()];
     for (slot, found) in Slot::ALL.into_iter().zip(&mut found) {
-        *found = match processor.start(slot, setup) {
+        *found = match target.start(slot, setup) {
             Ok(table) if table == wanted => return Ok(slot),
             Ok(other) => format!("holds {:#010x}", other.crc),
-            Err(ProcessorError::Refused(Refusal::Table(error))) => error.to_string(),
+            Err(TargetError::Refused(Refusal::Table(error))) => error.to_string(),
             Err(error) => return Err(error.into()),
         };
     }
@@ -131,7 +124,7 @@ pub fn start_with(
 /// # Errors
 /// [`PilError`].
 pub fn run(
-    processor: &mut Processor,
+    target: &mut Target,
     plan: &Plan,
     image: &[u8],
     options: &RunOptions,
@@ -142,15 +135,15 @@ pub fn run(
         law: options.law,
         limits: options.limits,
     };
-    let slot = start_with(processor, image, &setup)?;
+    let slot = start_with(target, image, &setup)?;
     let begun = Instant::now();
     let mut counts = Vec::with_capacity(plan.points.len());
     let mut differing_commands = 0;
     let mut first_difference = None;
-    let mut failure: Option<ProcessorError> = None;
+    let mut failure: Option<TargetError> = None;
     let run = run_through::<f32>(plan, image, options, |measured, command| {
         let tick = counts.len();
-        match processor.tick(tick as u32, measured) {
+        match target.tick(tick as u32, measured) {
             Ok(reply) => {
                 if !same(&reply, &command) {
                     differing_commands += 1;
@@ -182,7 +175,7 @@ pub fn run(
         first_difference,
         counts,
         wall_s: begun.elapsed().as_secs_f64(),
-        status: processor.status()?,
+        status: target.status()?,
     })
 }
 
@@ -193,7 +186,7 @@ pub fn run(
 /// # Errors
 /// [`PilError`].
 pub fn compare_any(
-    processor: &mut Processor,
+    target: &mut Target,
     image: &[u8],
     setup: &Setup,
     count: u32,
@@ -205,17 +198,17 @@ pub fn compare_any(
         Controller::<f32>::new(&table, &setup.arm, &setup.law, &setup.limits)
     };
     let mut controller = new().map_err(RunError::from)?;
-    let slot = start_with(processor, image, setup)?;
+    let slot = start_with(target, image, setup)?;
     let mut random = SplitMix(seed);
     let mut differing = 0;
     for sequence in 0..count {
         let measured = any_measurement(&mut random);
-        let reply = processor.tick(sequence, &measured)?;
+        let reply = target.tick(sequence, &measured)?;
         let command = controller.tick(&measured);
         differing += u32::from(!same(&reply, &command));
         if command.fault.is_some() || reply.fault.is_some() {
             controller.restart();
-            processor.start(slot, setup)?;
+            target.start(slot, setup)?;
         }
         progress(sequence);
     }

@@ -38,11 +38,11 @@ pub const BAUD: u32 = 1_000_000;
 
 /// Longest wait for a reply from QEMU. It answers within milliseconds and starts within a
 /// second; the rest is for machines with much else to do.
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Why a microcontroller could not be talked to.
 #[derive(Debug, thiserror::Error)]
-pub enum ProcessorError {
+pub enum TargetError {
     /// There is no image.
     #[error("{}: no firmware image: {source}; `cargo xtask firmware` builds it in {DEFAULT_ELF}", path.display())]
     NoImage {
@@ -84,13 +84,13 @@ pub enum ProcessorError {
     /// A board does not answer.
     #[error(
         "{port}: no answer at {BAUD} baud within {:.1} s{}: is the board powered and flashed, and are transmit and receive the right way round?",
-        patience.as_secs_f64(), heard(*received, *dropped)
+        timeout.as_secs_f64(), received_words(*received, *dropped)
     )]
     Silent {
         /// The serial port.
         port: String,
         /// How long was waited.
-        patience: Duration,
+        timeout: Duration,
         /// Bytes that came all the same.
         received: u64,
         /// Frames that came and could not be read.
@@ -99,7 +99,7 @@ pub enum ProcessorError {
     /// The microcontroller has started again.
     #[error(
         "the microcontroller has started again while its {awaited} was awaited: {}",
-        words(start)
+        describe_start(start)
     )]
     Restarted {
         /// What was awaited.
@@ -137,7 +137,7 @@ pub enum ProcessorError {
 }
 
 /// What came instead of an answer, in words.
-fn heard(received: u64, dropped: FrameErrors) -> String {
+fn received_words(received: u64, dropped: FrameErrors) -> String {
     let FrameErrors {
         oversized,
         stuffing,
@@ -159,7 +159,7 @@ fn heard(received: u64, dropped: FrameErrors) -> String {
 }
 
 /// Why the microcontroller started, in words.
-pub fn words(start: &StartReason) -> String {
+pub fn describe_start(start: &StartReason) -> String {
     match start {
         StartReason::Normal => "power, reset or a debugger".into(),
         StartReason::Panic { line, file } => {
@@ -205,19 +205,19 @@ impl Logs {
     /// Reads the symbols in the image `elf`; `sink` is given every line.
     ///
     /// # Errors
-    /// [`ProcessorError::NoImage`], [`ProcessorError::NoLogTable`].
-    pub fn new(elf: &Path, sink: impl FnMut(&str) + 'static) -> Result<Self, ProcessorError> {
+    /// [`TargetError::NoImage`], [`TargetError::NoLogTable`].
+    pub fn new(elf: &Path, sink: impl FnMut(&str) + 'static) -> Result<Self, TargetError> {
         let path = || elf.to_path_buf();
         // A device might never end.
         let read = || match std::fs::metadata(elf)?.is_file() {
             true => std::fs::read(elf),
             false => Err(io::Error::other("not a file")),
         };
-        let bytes = read().map_err(|source| ProcessorError::NoImage {
+        let bytes = read().map_err(|source| TargetError::NoImage {
             path: path(),
             source,
         })?;
-        let message = |message: String| ProcessorError::NoLogTable {
+        let message = |message: String| TargetError::NoLogTable {
             path: path(),
             message,
         };
@@ -236,7 +236,7 @@ impl Logs {
         })
     }
 
-    fn tell(&mut self, entry: &LogEntry) {
+    fn write_log(&mut self, entry: &LogEntry) {
         let line = match self.table.decode(entry) {
             Ok((frame, _)) => {
                 let level = frame.level().map_or("", |level| level.as_str());
@@ -272,7 +272,7 @@ struct Link {
     /// The serial port's name; `None` for QEMU.
     port: Option<String>,
     /// Longest wait for a reply.
-    patience: Duration,
+    timeout: Duration,
     receiver: Receiver,
     /// Bytes received so far.
     received: u64,
@@ -285,13 +285,13 @@ impl Link {
     fn new(
         line: impl SerialLine + 'static,
         port: Option<String>,
-        patience: Duration,
+        timeout: Duration,
         logs: Option<Logs>,
     ) -> Self {
         Self {
             line: Box::new(line),
             port,
-            patience,
+            timeout,
             receiver: Receiver::new(),
             received: 0,
             waiting: VecDeque::new(),
@@ -299,28 +299,28 @@ impl Link {
         }
     }
 
-    fn ask(&mut self, request: &Request, awaited: &'static str) -> Result<Reply, ProcessorError> {
+    fn ask(&mut self, request: &Request, awaited: &'static str) -> Result<Reply, TargetError> {
         self.send(request, awaited)?;
         self.reply(awaited)
     }
 
-    fn send(&mut self, request: &Request, awaited: &'static str) -> Result<(), ProcessorError> {
+    fn send(&mut self, request: &Request, awaited: &'static str) -> Result<(), TargetError> {
         let mut buffer = [0; FRAME_MAX];
-        let frame = encode(request, &mut buffer).map_err(|error| ProcessorError::Line {
+        let frame = encode(request, &mut buffer).map_err(|error| TargetError::Line {
             awaited,
             source: io::Error::other(error),
         })?;
         self.write(frame, awaited)
     }
 
-    fn write(&mut self, bytes: &[u8], awaited: &'static str) -> Result<(), ProcessorError> {
+    fn write(&mut self, bytes: &[u8], awaited: &'static str) -> Result<(), TargetError> {
         self.line
             .write_all(bytes)
             .map_err(|source| self.failure(awaited, source))
     }
 
     /// The next reply; what is logged before it goes to the log.
-    fn reply(&mut self, awaited: &'static str) -> Result<Reply, ProcessorError> {
+    fn reply(&mut self, awaited: &'static str) -> Result<Reply, TargetError> {
         let begun = Instant::now();
         let mut bytes = [0; FRAME_MAX];
         loop {
@@ -328,7 +328,7 @@ impl Link {
                 return Ok(reply);
             }
             // Bytes that are no reply, such as another device's, must not make this wait on.
-            if begun.elapsed() > self.patience {
+            if begun.elapsed() > self.timeout {
                 return Err(self.failure(awaited, io::ErrorKind::TimedOut.into()));
             }
             let count = match self.line.read(&mut bytes) {
@@ -343,7 +343,7 @@ impl Link {
                 match self.receiver.push(*byte) {
                     Some(Reply::Log(entry)) => {
                         if let Some(logs) = &mut self.logs {
-                            logs.tell(&entry);
+                            logs.write_log(&entry);
                         }
                     }
                     reply => self.waiting.extend(reply),
@@ -353,19 +353,19 @@ impl Link {
     }
 
     /// The error for a line that gave `source`.
-    fn failure(&self, awaited: &'static str, source: io::Error) -> ProcessorError {
+    fn failure(&self, awaited: &'static str, source: io::Error) -> TargetError {
         match &self.port {
-            Some(port) if source.kind() == io::ErrorKind::TimedOut => ProcessorError::Silent {
+            Some(port) if source.kind() == io::ErrorKind::TimedOut => TargetError::Silent {
                 port: port.clone(),
-                patience: self.patience,
+                timeout: self.timeout,
                 received: self.received,
                 dropped: self.receiver.errors(),
             },
-            _ => ProcessorError::Line { awaited, source },
+            _ => TargetError::Line { awaited, source },
         }
     }
 
-    fn identity(reply: &Reply) -> Result<Identity, ProcessorError> {
+    fn identity(reply: &Reply) -> Result<Identity, TargetError> {
         match reply {
             Reply::Identity(identity) => Ok(*identity),
             other => Err(unexpected("identity", other)),
@@ -374,7 +374,7 @@ impl Link {
 }
 
 /// A microcontroller that answers requests.
-pub struct Processor {
+pub struct Target {
     link: Link,
     identity: Identity,
     /// True when its stopwatch counts instructions.
@@ -382,24 +382,24 @@ pub struct Processor {
     _emulator: Option<Emulator>,
 }
 
-impl Processor {
+impl Target {
     /// Starts QEMU with the firmware's image.
     ///
     /// # Errors
-    /// [`ProcessorError`].
-    pub fn emulated(emulation: &Emulation, logs: Option<Logs>) -> Result<Self, ProcessorError> {
+    /// [`TargetError`].
+    pub fn emulated(emulation: &Emulation, logs: Option<Logs>) -> Result<Self, TargetError> {
         let Emulation {
             elf,
             table_b,
             accesses,
         } = *emulation;
         // QEMU's own message for a missing image does not say how to get one.
-        std::fs::metadata(elf).map_err(|source| ProcessorError::NoImage {
+        std::fs::metadata(elf).map_err(|source| TargetError::NoImage {
             path: elf.to_path_buf(),
             source,
         })?;
         let folder = scratch_folder()?;
-        let write = |path: PathBuf, source| ProcessorError::Write { path, source };
+        let write = |path: PathBuf, source| TargetError::Write { path, source };
         let socket = folder.join("link");
         let listener =
             UnixListener::bind(&socket).map_err(|source| write(socket.clone(), source))?;
@@ -409,18 +409,18 @@ impl Processor {
         arguments.extend(["-icount", "shift=0", "-kernel"].map(Into::into));
         arguments.push(elf.into());
         arguments.push("-serial".into());
-        arguments.push(joined("unix:", &socket));
+        arguments.push(with_path("unix:", &socket));
         if let Some(file) = accesses {
             arguments.extend(["-d", "unimp", "-D"].map(Into::into));
             arguments.push(file.into());
         }
         if let Some(table) = table_b {
             if table.len() > SLOT_BYTES {
-                return Err(ProcessorError::TableTooLong { bytes: table.len() });
+                return Err(TargetError::TableTooLong { bytes: table.len() });
             }
             let file = folder.join("table_b.bin");
             std::fs::write(&file, table).map_err(|source| write(file.clone(), source))?;
-            let mut device = joined("loader,file=", &file);
+            let mut device = with_path("loader,file=", &file);
             device.push(format!(",addr={:#x},force-raw=on", SLOT_ADDRESSES[1]));
             arguments.push("-device".into());
             arguments.push(device);
@@ -432,17 +432,16 @@ impl Processor {
             .args(arguments)
             .stdin(Stdio::null())
             .spawn()
-            .map_err(|source| ProcessorError::Start {
+            .map_err(|source| TargetError::Start {
                 program: program.to_owned(),
                 source,
             })?;
         let mut emulator = Emulator { child, folder };
-        let line =
-            accept(&listener, &mut emulator.child).map_err(|source| ProcessorError::Line {
-                awaited: "connection",
-                source,
-            })?;
-        let mut link = Link::new(line, None, PATIENCE, logs);
+        let line = accept(&listener, &mut emulator.child).map_err(|source| TargetError::Line {
+            awaited: "connection",
+            source,
+        })?;
+        let mut link = Link::new(line, None, TIMEOUT, logs);
         // Bytes before the firmware's first are lost: it introduces itself.
         let identity = Link::identity(&link.reply("identity")?)?;
         Ok(Self {
@@ -454,23 +453,19 @@ impl Processor {
     }
 
     /// Opens a real board's serial port and asks who is there. From then on the board may
-    /// take `patience` to answer.
+    /// take `timeout` to answer.
     ///
     /// # Errors
-    /// [`ProcessorError::Silent`] if nobody answers; else other [`ProcessorError`]s.
-    pub fn on_port(
-        port: &str,
-        patience: Duration,
-        logs: Option<Logs>,
-    ) -> Result<Self, ProcessorError> {
+    /// [`TargetError::Silent`] if nobody answers; else other [`TargetError`]s.
+    pub fn on_port(port: &str, timeout: Duration, logs: Option<Logs>) -> Result<Self, TargetError> {
         let line = serialport::new(port, BAUD)
-            .timeout(patience)
+            .timeout(timeout)
             .open()
-            .map_err(|source| ProcessorError::Port {
+            .map_err(|source| TargetError::Port {
                 port: port.to_owned(),
                 source,
             })?;
-        let mut link = Link::new(line, Some(port.to_owned()), patience, logs);
+        let mut link = Link::new(line, Some(port.to_owned()), timeout, logs);
         link.write(&[0], "identity")?; // ends what a broken run left
         // A board that has just started introduces itself once more by itself. The status
         // comes after both, and after what a broken run may have left unread.
@@ -500,8 +495,8 @@ impl Processor {
     /// How the microcontroller is.
     ///
     /// # Errors
-    /// [`ProcessorError`].
-    pub fn status(&mut self) -> Result<Status, ProcessorError> {
+    /// [`TargetError`].
+    pub fn status(&mut self) -> Result<Status, TargetError> {
         match self.ask(&Request::Status, "status")? {
             Reply::Status(status) => Ok(status),
             other => Err(unexpected("status", &other)),
@@ -511,8 +506,8 @@ impl Processor {
     /// What its sensors and interlocks say.
     ///
     /// # Errors
-    /// [`ProcessorError`].
-    pub fn sensors(&mut self) -> Result<SensorReport, ProcessorError> {
+    /// [`TargetError`].
+    pub fn sensors(&mut self) -> Result<SensorReport, TargetError> {
         match self.ask(&Request::Sensors, "sensors")? {
             Reply::Sensors(report) => Ok(report),
             other => Err(unexpected("sensors", &other)),
@@ -524,12 +519,12 @@ impl Processor {
     /// be asked for something every 100 ms, or it stops by itself.
     ///
     /// # Errors
-    /// [`ProcessorError::Refused`] if it is not enabled; else other [`ProcessorError`]s, after
+    /// [`TargetError::Refused`] if it is not enabled; else other [`TargetError`]s, after
     /// which it may be enabled.
-    pub fn enable(&mut self, slot: Option<Slot>) -> Result<(Slot, TableIdentity), ProcessorError> {
+    pub fn enable(&mut self, slot: Option<Slot>) -> Result<(Slot, TableIdentity), TargetError> {
         match self.ask(&Request::Enable { slot }, "consent to enable")? {
             Reply::Enabled { slot, table } => Ok((slot, table)),
-            Reply::Refused(refusal) => Err(ProcessorError::Refused(refusal)),
+            Reply::Refused(refusal) => Err(TargetError::Refused(refusal)),
             other => Err(unexpected("consent to enable", &other)),
         }
     }
@@ -538,8 +533,8 @@ impl Processor {
     /// so that it may follow any error.
     ///
     /// # Errors
-    /// [`ProcessorError`].
-    pub fn disable(&mut self) -> Result<(), ProcessorError> {
+    /// [`TargetError`].
+    pub fn disable(&mut self) -> Result<(), TargetError> {
         let awaited = "consent to disable";
         let mut reply = self.ask(&Request::Disable, awaited)?;
         // An earlier request's answer is one message, and perhaps an identity after it.
@@ -555,11 +550,11 @@ impl Processor {
     /// Tells that the arm stands at its home pose.
     ///
     /// # Errors
-    /// [`ProcessorError::Refused`] unless disabled; else other [`ProcessorError`]s.
-    pub fn home(&mut self) -> Result<(), ProcessorError> {
+    /// [`TargetError::Refused`] unless disabled; else other [`TargetError`]s.
+    pub fn home(&mut self) -> Result<(), TargetError> {
         match self.ask(&Request::Home, "consent")? {
             Reply::Done => Ok(()),
-            Reply::Refused(refusal) => Err(ProcessorError::Refused(refusal)),
+            Reply::Refused(refusal) => Err(TargetError::Refused(refusal)),
             other => Err(unexpected("consent", &other)),
         }
     }
@@ -567,8 +562,8 @@ impl Processor {
     /// Lets the microcontroller forget its latched fault.
     ///
     /// # Errors
-    /// [`ProcessorError`].
-    pub fn acknowledge(&mut self) -> Result<(), ProcessorError> {
+    /// [`TargetError`].
+    pub fn acknowledge(&mut self) -> Result<(), TargetError> {
         match self.ask(&Request::Acknowledge, "consent")? {
             Reply::Done => Ok(()),
             other => Err(unexpected("consent", &other)),
@@ -578,12 +573,12 @@ impl Processor {
     /// Begins lock-step with the table in a slot, and says which that is.
     ///
     /// # Errors
-    /// [`ProcessorError::Refused`] if the microcontroller cannot; else other [`ProcessorError`]s.
-    pub fn start(&mut self, slot: Slot, setup: &Setup) -> Result<TableIdentity, ProcessorError> {
+    /// [`TargetError::Refused`] if the microcontroller cannot; else other [`TargetError`]s.
+    pub fn start(&mut self, slot: Slot, setup: &Setup) -> Result<TableIdentity, TargetError> {
         let setup = *setup;
         match self.ask(&Request::StartLockStep { slot, setup }, "consent")? {
             Reply::LockStep(table) => Ok(table),
-            Reply::Refused(refusal) => Err(ProcessorError::Refused(refusal)),
+            Reply::Refused(refusal) => Err(TargetError::Refused(refusal)),
             other => Err(unexpected("consent", &other)),
         }
     }
@@ -591,16 +586,16 @@ impl Processor {
     /// One tick.
     ///
     /// # Errors
-    /// [`ProcessorError`].
+    /// [`TargetError`].
     pub fn tick(
         &mut self,
         sequence: u32,
         measured: &Measurement<f32>,
-    ) -> Result<TickReply, ProcessorError> {
+    ) -> Result<TickReply, TargetError> {
         let measured = *measured;
         match self.ask(&Request::Measured { sequence, measured }, "command")? {
             Reply::Command(reply) if reply.sequence == sequence => Ok(reply),
-            Reply::Refused(refusal) => Err(ProcessorError::Refused(refusal)),
+            Reply::Refused(refusal) => Err(TargetError::Refused(refusal)),
             other => Err(unexpected("command", &other)),
         }
     }
@@ -608,28 +603,24 @@ impl Processor {
     /// Sends a request and returns the reply.
     ///
     /// # Errors
-    /// [`ProcessorError::Line`].
-    pub fn ask(
-        &mut self,
-        request: &Request,
-        awaited: &'static str,
-    ) -> Result<Reply, ProcessorError> {
+    /// [`TargetError::Line`].
+    pub fn ask(&mut self, request: &Request, awaited: &'static str) -> Result<Reply, TargetError> {
         self.link.ask(request, awaited)
     }
 
     /// Sends bytes as they are: for tests of the other end.
     ///
     /// # Errors
-    /// [`ProcessorError::Line`].
-    pub fn write(&mut self, bytes: &[u8], awaited: &'static str) -> Result<(), ProcessorError> {
+    /// [`TargetError::Line`].
+    pub fn write(&mut self, bytes: &[u8], awaited: &'static str) -> Result<(), TargetError> {
         self.link.write(bytes, awaited)
     }
 
     /// The next reply, to a request that was written as bytes.
     ///
     /// # Errors
-    /// [`ProcessorError::Line`].
-    pub fn reply(&mut self, awaited: &'static str) -> Result<Reply, ProcessorError> {
+    /// [`TargetError::Line`].
+    pub fn reply(&mut self, awaited: &'static str) -> Result<Reply, TargetError> {
         self.link.reply(awaited)
     }
 
@@ -658,13 +649,13 @@ impl Processor {
     }
 }
 
-fn unexpected(awaited: &'static str, found: &Reply) -> ProcessorError {
+fn unexpected(awaited: &'static str, found: &Reply) -> TargetError {
     match found {
-        Reply::Identity(Identity { start, .. }) => ProcessorError::Restarted {
+        Reply::Identity(Identity { start, .. }) => TargetError::Restarted {
             awaited,
             start: *start,
         },
-        _ => ProcessorError::Unexpected {
+        _ => TargetError::Unexpected {
             awaited,
             found: format!("{found:?}"),
         },
@@ -672,21 +663,21 @@ fn unexpected(awaited: &'static str, found: &Reply) -> ProcessorError {
 }
 
 /// `prefix` and a path.
-fn joined(prefix: &str, path: &Path) -> OsString {
+fn with_path(prefix: &str, path: &Path) -> OsString {
     let mut text = OsString::from(prefix);
     text.push(path);
     text
 }
 
 /// A new folder of this process's own.
-fn scratch_folder() -> Result<PathBuf, ProcessorError> {
+fn scratch_folder() -> Result<PathBuf, TargetError> {
     use std::sync::atomic::{AtomicU32, Ordering};
     static COUNT: AtomicU32 = AtomicU32::new(0);
     let number = COUNT.fetch_add(1, Ordering::Relaxed);
     let path = std::env::temp_dir().join(format!("flexor-pil-{}-{number}", std::process::id()));
     match std::fs::create_dir(&path) {
         Ok(()) => Ok(path),
-        Err(source) => Err(ProcessorError::Write { path, source }),
+        Err(source) => Err(TargetError::Write { path, source }),
     }
 }
 
@@ -698,7 +689,7 @@ fn accept(listener: &UnixListener, child: &mut Child) -> io::Result<UnixStream> 
         match listener.accept() {
             Ok((stream, _)) => {
                 stream.set_nonblocking(false)?;
-                stream.set_read_timeout(Some(PATIENCE))?;
+                stream.set_read_timeout(Some(TIMEOUT))?;
                 return Ok(stream);
             }
             Err(error) if error.kind() != io::ErrorKind::WouldBlock => return Err(error),
@@ -707,7 +698,7 @@ fn accept(listener: &UnixListener, child: &mut Child) -> io::Result<UnixStream> 
         if let Some(status) = child.try_wait()? {
             return Err(io::Error::other(format!("QEMU ended with {status}")));
         }
-        if begun.elapsed() > PATIENCE {
+        if begun.elapsed() > TIMEOUT {
             return Err(io::ErrorKind::TimedOut.into());
         }
         std::thread::sleep(Duration::from_millis(5));
