@@ -22,7 +22,7 @@ use crate::report;
 use crate::simulation::closed_loop::{Outcome, Run, RunError};
 use crate::target::pil::{PilError, PilRun};
 use crate::target::{Target, TargetError, pil};
-use crate::text::{Short, enough, near};
+use crate::text::{Shortest, four_digits, round_away_from_zero};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use flexor::control::LawParameters;
 use flexor::link::Setup;
@@ -137,7 +137,7 @@ enum CliError {
     Config(#[from] ConfigError),
     #[error(transparent)]
     Plan(#[from] PlanError),
-    #[error("limits.torque_Nm[{}] = {}; accepted: from {} on, as the planned torque of joint {joint} reaches {} N m at t = {t_s:.4} s; a longer duration_s may need less", joint - 1, Short(*limit_nm), enough(*torque_nm), near(*torque_nm))]
+    #[error("limits.torque_Nm[{}] = {}; accepted: from {} on, as the planned torque of joint {joint} reaches {} N m at t = {t_s:.4} s; a longer duration_s may need less", joint - 1, Shortest(*limit_nm), round_away_from_zero(*torque_nm), four_digits(*torque_nm))]
     Limit {
         joint: usize,
         t_s: f64,
@@ -164,7 +164,7 @@ enum CliError {
     Report(#[from] report::ReportError),
     #[error(transparent)]
     Stability(#[from] StabilityError),
-    #[error("--at {}; accepted: a time of the plan from {} to {} s", Short(*at_s), Short(*start_s), Short(*end_s))]
+    #[error("--at {}; accepted: a time of the plan from {} to {} s", Shortest(*at_s), Shortest(*start_s), Shortest(*end_s))]
     At { at_s: f64, start_s: f64, end_s: f64 },
     #[error("--map {gain} {gain}; accepted: two different gains")]
     Map { gain: String },
@@ -177,7 +177,7 @@ enum CliError {
         "demo's fast case, the task in a fifth of its duration_s, cannot be planned: {0}; `flexor run` runs a task as it is"
     )]
     Fast(Box<CliError>),
-    #[error("{what} {}; accepted: from 0 to {}", Short(*value), Short(*most))]
+    #[error("{what} {}; accepted: from 0 to {}", Shortest(*value), Shortest(*most))]
     Margin {
         what: &'static str,
         value: f64,

@@ -5,9 +5,9 @@ use std::fmt;
 /// A number with every digit that tells it from its neighbours, and with an exponent where
 /// it would have many zeros instead.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Short(pub(crate) f64);
+pub(crate) struct Shortest(pub(crate) f64);
 
-impl fmt::Display for Short {
+impl fmt::Display for Shortest {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self(number) = *self;
         let plain = number == 0.0 || (1e-3..1e6).contains(&number.abs());
@@ -20,23 +20,23 @@ impl fmt::Display for Short {
 }
 
 /// A computed number, to four digits.
-pub(crate) fn near(number: f64) -> Short {
+pub(crate) fn four_digits(number: f64) -> Shortest {
     // By way of text, so that no digit is left over.
-    Short(format!("{number:.3e}").parse().unwrap_or(number))
+    Shortest(format!("{number:.3e}").parse().unwrap_or(number))
 }
 
 /// A computed number, to four digits and away from zero: what is named as enough is enough.
-pub(crate) fn enough(number: f64) -> Short {
-    let Short(rounded) = near(number);
+pub(crate) fn round_away_from_zero(number: f64) -> Shortest {
+    let Shortest(rounded) = four_digits(number);
     if rounded.abs() < number.abs() {
-        near(rounded * (1.0 + 1e-3))
+        four_digits(rounded * (1.0 + 1e-3))
     } else {
-        Short(rounded)
+        Shortest(rounded)
     }
 }
 
 /// `text` on one line and of at most `most` characters.
-pub(crate) fn cut(text: &str, most: usize) -> String {
+pub(crate) fn one_line(text: &str, most: usize) -> String {
     let mut line = String::new();
     for word in text.split_whitespace() {
         if !line.is_empty() {
@@ -69,30 +69,30 @@ mod tests {
             (f64::NAN, "NaN"),
             (f64::NEG_INFINITY, "-inf"),
         ] {
-            assert_eq!(Short(number).to_string(), text);
+            assert_eq!(Shortest(number).to_string(), text);
         }
-        assert_eq!(near(10.961_42).to_string(), "10.96");
-        assert_eq!(enough(10.961_42).to_string(), "10.97");
-        assert_eq!(enough(9.999_9).to_string(), "10");
+        assert_eq!(four_digits(10.961_42).to_string(), "10.96");
+        assert_eq!(round_away_from_zero(10.961_42).to_string(), "10.97");
+        assert_eq!(round_away_from_zero(9.999_9).to_string(), "10");
     }
 
     #[test]
     fn what_users_wrote_comes_on_one_line() {
-        assert_eq!(cut(" [1,\n  2 ]", 40), "[1, 2 ]");
-        assert_eq!(cut("\u{e9}\u{e9}\u{e9}", 2), "\u{e9}\u{e9}...");
+        assert_eq!(one_line(" [1,\n  2 ]", 40), "[1, 2 ]");
+        assert_eq!(one_line("\u{e9}\u{e9}\u{e9}", 2), "\u{e9}\u{e9}...");
     }
 
     proptest! {
         #[test]
         fn numbers_are_short_and_come_back(number: f64) {
-            let text = Short(number).to_string();
+            let text = Shortest(number).to_string();
             prop_assert!(text.len() <= 24, "{text}");
             prop_assert!(number.is_nan() || text.parse::<f64>() == Ok(number));
         }
 
         #[test]
         fn enough_is_enough_and_not_much_more(number in -1e9..1e9_f64) {
-            let Short(rounded) = enough(number);
+            let Shortest(rounded) = round_away_from_zero(number);
             prop_assert!(rounded.abs() >= number.abs());
             prop_assert!(rounded.abs() <= 1.0021 * number.abs());
         }

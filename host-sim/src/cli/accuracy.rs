@@ -9,7 +9,7 @@ use crate::analysis::fixed_point::{accuracy, range};
 use crate::plant::Start;
 use crate::simulation::cases;
 use crate::simulation::closed_loop::RunOptions;
-use crate::text::near;
+use crate::text::four_digits;
 use clap::Args;
 use serde_json::{Map, Value};
 use std::path::PathBuf;
@@ -153,7 +153,7 @@ pub(super) fn format_facts(analysis: &Analysis) -> Vec<(String, String)> {
                 format!(
                     "up to {:.4} {unit}; format to {} {unit} in steps of {:.1e}",
                     s.admissible,
-                    near(s.exponent.range()),
+                    four_digits(s.exponent.range()),
                     s.exponent.unit(),
                     unit = s.unit
                 ),

@@ -16,7 +16,7 @@ use crate::planner::plan::Plan;
 use crate::plant::PlantParameters;
 use crate::report;
 use crate::simulation::cases;
-use crate::text::Short;
+use crate::text::Shortest;
 use clap::{Args, Subcommand, ValueEnum};
 use flexor::control::{ForceProjection, LawParameters, SlopeRateFeedback};
 use nalgebra::Complex;
@@ -331,14 +331,18 @@ fn write_page(
 
 /// Gains as facts.
 fn law_facts(law: &LawParameters) -> Vec<(String, String)> {
-    let corner = |hz: Option<f64>| hz.map_or("none".to_string(), |hz| format!("{} Hz", Short(hz)));
+    let corner =
+        |hz: Option<f64>| hz.map_or("none".to_string(), |hz| format!("{} Hz", Shortest(hz)));
     [
-        ("K_DF", format!("{} s", Short(law.force_derivative_s))),
-        ("K_PF", Short(law.force_proportional).to_string()),
-        ("K_IF", format!("{} 1/s", Short(law.force_integral_per_s))),
+        ("K_DF", format!("{} s", Shortest(law.force_derivative_s))),
+        ("K_PF", Shortest(law.force_proportional).to_string()),
+        (
+            "K_IF",
+            format!("{} 1/s", Shortest(law.force_integral_per_s)),
+        ),
         (
             "K_w",
-            format!("{} N m s/rad", Short(law.slope_rate_nms_rad)),
+            format!("{} N m s/rad", Shortest(law.slope_rate_nms_rad)),
         ),
         ("force filter", corner(law.force_filter_hz)),
         ("slope rate filter", corner(law.slope_rate_filter_hz)),

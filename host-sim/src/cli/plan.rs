@@ -8,7 +8,7 @@ use crate::planner::limits::default_limits;
 use crate::planner::plan::{Equations, Plan, PlanOptions, PlanPoint, Task};
 use crate::planner::table_fit::EncodedTable;
 use crate::planner::{plan, table_fit};
-use crate::text::{Short, near};
+use crate::text::{Shortest, four_digits};
 use clap::Args;
 use flexor::control::LimitParameters;
 use serde_json::{Map, Value, json};
@@ -63,7 +63,7 @@ fn doubts(plan: &Plan, table: &EncodedTable, limits: &LimitParameters) -> Vec<St
                 doubts.push(format!(
                     "the plan {end} with a jump of torque tau{} by {} N m within a control period, to bend the link at once; a longer {window}, for instance \"auto\", or fewer link2.elements avoid it",
                     joint + 1,
-                    near(jump)
+                    four_digits(jump)
                 ));
             }
         }
@@ -80,8 +80,8 @@ fn doubts(plan: &Plan, table: &EncodedTable, limits: &LimitParameters) -> Vec<St
         {
             doubts.push(format!(
                 "limits.torque_rate_Nm_s[{joint}] = {} is less than the {} N m/s that the plan needs of joint {} at t = {:.4} s: the arm will lag behind the plan; a longer duration_s may need less",
-                Short(limit),
-                near(need),
+                Shortest(limit),
+                four_digits(need),
                 joint + 1,
                 pair[0].t
             ));

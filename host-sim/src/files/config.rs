@@ -11,7 +11,7 @@ mod task;
 
 use crate::model::arm_model::ELEMENTS_MAX;
 use crate::plant::SUBSTEPS_MAX;
-use crate::text::{Short, cut};
+use crate::text::{Shortest, one_line};
 use serde::Deserializer;
 use serde::de::{DeserializeOwned, Error as _, IgnoredAny, SeqAccess, Visitor};
 use std::fmt;
@@ -57,7 +57,7 @@ pub enum ConfigError {
         message: String,
     },
     /// A value is out of its range.
-    #[error("{file}: {field} = {}; accepted: {accepted}", Short(*value))]
+    #[error("{file}: {field} = {}; accepted: {accepted}", Shortest(*value))]
     OutOfRange {
         /// The file.
         file: String,
@@ -69,7 +69,7 @@ pub enum ConfigError {
         accepted: String,
     },
     /// A value on the command line is out of its range.
-    #[error("{option} {}; accepted: {accepted}", Short(*value))]
+    #[error("{option} {}; accepted: {accepted}", Shortest(*value))]
     Option {
         /// The option, as it is typed.
         option: &'static str,
@@ -125,7 +125,7 @@ impl Range {
 
 impl fmt::Display for Range {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (low, high, what) = (Short(self.low), Short(self.high), self.what);
+        let (low, high, what) = (Shortest(self.low), Shortest(self.high), self.what);
         if self.above {
             write!(f, "{what} above {low} up to {high}")
         } else {
@@ -252,7 +252,7 @@ fn accepted(field: &str) -> Option<String> {
 fn parse<T: DeserializeOwned>(file: &str, text: &str) -> Result<T, ConfigError> {
     let malformed = |message: String| ConfigError::Malformed {
         file: file.to_string(),
-        message: cut(&message, MESSAGE_MAX),
+        message: one_line(&message, MESSAGE_MAX),
     };
     let line = |error: &toml::de::Error| {
         let at = error.span().map_or(0, |span| span.start.min(text.len()));
@@ -266,7 +266,7 @@ fn parse<T: DeserializeOwned>(file: &str, text: &str) -> Result<T, ConfigError> 
     let written = |error: &toml::de::Error| {
         let there = error.span().and_then(|span| text.get(span));
         there
-            .map(|words| cut(words, WRITTEN_MAX))
+            .map(|words| one_line(words, WRITTEN_MAX))
             .filter(|words| !words.is_empty())
     };
     let deserializer = toml::Deserializer::parse(text).map_err(|e| {
@@ -294,7 +294,7 @@ fn parse<T: DeserializeOwned>(file: &str, text: &str) -> Result<T, ConfigError> 
             let hint = accepted(&field).map_or(String::new(), |a| format!("; accepted: {a}"));
             return malformed(format!("{field}: {message}{hint}"));
         }
-        let place = format!("line {}: {}", line(inner), cut(&path, WRITTEN_MAX));
+        let place = format!("line {}: {}", line(inner), one_line(&path, WRITTEN_MAX));
         // These are about the key, all others about its value.
         let of_key = ["unknown field", "duplicate field"];
         let of_key = of_key.iter().any(|words| message.starts_with(words));

@@ -17,7 +17,7 @@ use crate::model::dynamics::{Configuration, Motion, Surface};
 use crate::planner::collocation;
 use crate::planner::collocation::{CollocationError, Solution};
 use crate::planner::path::{LinePath, TipMotion};
-use crate::text::{Short, near};
+use crate::text::{Shortest, four_digits};
 use flexor::model::{ArmParameters, JointMotion, KinematicsError};
 use nalgebra::{Complex, DMatrix, DVector};
 
@@ -86,13 +86,13 @@ pub enum PlanError {
     #[error("path.from_m and path.to_m are the same point ({:.4}, {:.4}) m: a path longer than 1e-6 m is accepted", .0[0], .0[1])]
     NoPath([f64; 2]),
     /// The force's direction does not choose between the path's normals.
-    #[error("force.direction = [{}, {}] runs along the path: a direction with a component across it is accepted", Short(.0[0]), Short(.0[1]))]
+    #[error("force.direction = [{}, {}] runs along the path: a direction with a component across it is accepted", Shortest(.0[0]), Shortest(.0[1]))]
     Direction([f64; 2]),
     /// Too few or too many control periods.
     #[error(
         "{what} of {} s is {} control periods at {tick_rate_hz} Hz: {accepted} are accepted",
-        Short(*value_s),
-        near(*ticks)
+        Shortest(*value_s),
+        four_digits(*ticks)
     )]
     Duration {
         /// What takes that long.
@@ -109,7 +109,7 @@ pub enum PlanError {
     /// No real part of a zero to derive a window from.
     #[error(
         "{what} = \"auto\" cannot be derived: the arm's slowest zero there decays at {} 1/s; give a number of seconds",
-        near(*rate_per_s)
+        four_digits(*rate_per_s)
     )]
     NoWindow {
         /// Which window.
@@ -131,8 +131,8 @@ pub enum PlanError {
     /// A planned quantity is not finite or absurdly large.
     #[error(
         "the planned {what} reaches {} at t = {t_s:.4} s: at most {} is accepted; a longer duration_s makes motion's share smaller, less force.normal_N and a stiffer link2 the share at rest",
-        near(*value),
-        near(*limit)
+        four_digits(*value),
+        four_digits(*limit)
     )]
     Excessive {
         /// What is excessive.
@@ -147,7 +147,7 @@ pub enum PlanError {
     /// The link has zeros that come in no pair of growth and decay.
     #[error(
         "link 2 has {growing} growing and {decaying} decaying zeros, as many of each are accepted: link2.tip_inertia_kgm2 = {} makes the tip swing freely against the plan; a smaller one or 0 is accepted",
-        Short(*tip_inertia_kgm2)
+        Shortest(*tip_inertia_kgm2)
     )]
     Unpaired {
         /// Number of zeros that grow.
@@ -562,7 +562,11 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
         return Err(refuse(
             "the whole motion",
             total,
-            format!("up to {} ({} s)", Short(TICKS_MAX), Short(TICKS_MAX / rate)),
+            format!(
+                "up to {} ({} s)",
+                Shortest(TICKS_MAX),
+                Shortest(TICKS_MAX / rate)
+            ),
         ));
     }
     let pre_ticks = whole(pre) as u32;

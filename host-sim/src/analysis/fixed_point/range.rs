@@ -24,7 +24,7 @@
 //! (filters, integral, previous torque); its derivation is in `docs/fixed-point.md`.
 
 use crate::planner::plan::Plan;
-use crate::text::{Short, near};
+use crate::text::{Shortest, four_digits};
 use flexor::control::{Coefficients, LawParameters, LimitParameters, Mismatch};
 use flexor::number::Scalar;
 use flexor::number::fixed::{Exponent, Fixed};
@@ -71,9 +71,9 @@ pub enum RangeError {
     /// A signal's range is too large for its bits.
     #[error(
         "fixed point cannot hold the signal '{signal}': its range of {} {unit} leaves torque {joint} uncertain by {} N m, up to {} is accepted; narrow the torque limits or lower the gains",
-        near(*range),
-        near(*error_nm),
-        near(*accepted_nm)
+        four_digits(*range),
+        four_digits(*error_nm),
+        four_digits(*accepted_nm)
     )]
     Signal {
         /// The signal that contributes most.
@@ -92,8 +92,8 @@ pub enum RangeError {
     /// A gain or length is rounded too much.
     #[error(
         "{name} = {} would be {} in fixed point: it is too large or too small for the signals' ranges",
-        Short(*wanted),
-        near(*is)
+        Shortest(*wanted),
+        four_digits(*is)
     )]
     Coefficient {
         /// The key in the file.

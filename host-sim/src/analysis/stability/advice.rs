@@ -5,7 +5,7 @@ use super::linear::PlantVariant;
 use super::path::{self, FrozenPoint, Summary};
 use super::sampled::with_gains_times;
 use crate::planner::plan::Plan;
-use crate::text::near;
+use crate::text::four_digits;
 use flexor::control::{ForceProjection, LawParameters};
 use rayon::prelude::*;
 
@@ -56,7 +56,7 @@ fn down(value: f64) -> String {
         return "0".into();
     }
     let unit = 10f64.powf(value.log10().floor() - 1.0);
-    near((value / unit + 1e-9).floor() * unit).to_string()
+    four_digits((value / unit + 1e-9).floor() * unit).to_string()
 }
 
 /// What to say about a loop whose `summary` is that of `variant` at `times`, s: nothing,

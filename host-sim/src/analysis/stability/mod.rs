@@ -25,7 +25,7 @@ pub mod sampled;
 pub mod tune;
 
 use crate::model::arm_model::ModelError;
-use crate::text::Short;
+use crate::text::Shortest;
 use flexor::control::LawParameters;
 use flexor::model::KinematicsError;
 use nalgebra::linalg::balancing::balance_parlett_reinsch;
@@ -35,7 +35,7 @@ use nalgebra::{Complex, DMatrix, Schur};
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum StabilityError {
     /// A gain or corner that no controller can have.
-    #[error("{name} = {}; accepted: {accepted}", Short(*value))]
+    #[error("{name} = {}; accepted: {accepted}", Shortest(*value))]
     Gain {
         /// The parameter.
         name: &'static str,
@@ -75,8 +75,8 @@ pub enum StabilityError {
     /// No gains satisfy the margins.
     #[error(
         "no gains were found that keep every plant of the spread stable with a gain margin of {} dB and a delay margin of {} ticks: the worst is {worst}; a higher control rate, a smaller spread or more root inertia makes it easier",
-        Short(*gain_margin_db),
-        Short(*delay_margin_ticks)
+        Shortest(*gain_margin_db),
+        Shortest(*delay_margin_ticks)
     )]
     NotTuned {
         /// Gain margin asked for, dB.

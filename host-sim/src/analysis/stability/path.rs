@@ -6,7 +6,7 @@ use super::linear::{Linear, OperatingPoint, PlantVariant};
 use super::sampled::{LinearLaw, Sampled, with_gains_times};
 use crate::planner::plan::Plan;
 use crate::plant::PlantParameters;
-use crate::text::Short;
+use crate::text::Shortest;
 use flexor::control::LawParameters;
 use nalgebra::Complex;
 use rayon::prelude::*;
@@ -320,12 +320,12 @@ impl Spread {
                             for &rate in &rates {
                                 let mut name = format!(
                                     "stiffness x {}, mass x {}, root + {} kg m2",
-                                    Short(stiffness),
-                                    Short(mass),
-                                    Short(inertia)
+                                    Shortest(stiffness),
+                                    Shortest(mass),
+                                    Shortest(inertia)
                                 );
                                 if self.contact_angle_rad.len() > 1 {
-                                    name += &format!(", contact turned by {} rad", Short(angle));
+                                    name += &format!(", contact turned by {} rad", Shortest(angle));
                                 }
                                 if meshes.len() > 1 {
                                     name += &format!(", {elements} elements");
