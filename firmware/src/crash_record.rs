@@ -15,7 +15,7 @@ const STACK: u32 = 0x5354_4143;
 /// Kind, two values, and their check word. Random after power-up, which the check word
 /// tells.
 // SAFETY: atomics may hold any bits, so this section's lack of initialisation is harmless.
-#[unsafe(link_section = ".uninit.last_words")]
+#[unsafe(link_section = ".uninit.crash_record")]
 static WORDS: [AtomicU32; 4] = [const { AtomicU32::new(0) }; 4];
 
 fn check(kind: u32, a: u32, b: u32) -> u32 {
