@@ -145,7 +145,7 @@ fn off() -> [(String, u32); 3] {
 fn image_with_tick(code: impl FnOnce(u32, &object::File) -> Vec<u8>) -> (Vec<u8>, u32) {
     let (mut bytes, _) = image();
     let file = object::File::parse(&*bytes).unwrap();
-    let (run, size) = symbol(&file, "7control3run");
+    let (run, size) = symbol(&file, "10supervisor10supervisor3run");
     let code = code(run, &file);
     assert!(code.len() < size as usize);
     let text = file.section_by_name(".text").unwrap();

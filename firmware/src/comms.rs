@@ -114,7 +114,7 @@ impl Comms {
                 }
             }
             Request::Measured { sequence, measured } => {
-                if control.lock(|c| c.post_measurement(sequence, measured)) {
+                if supervisor.lock(|c| c.post_measurement(sequence, measured)) {
                     // The tick comes at once, being of higher priority.
                     pend();
                     return Reply::Command(supervisor.lock(|c| c.last_reply()));
@@ -136,7 +136,7 @@ impl Comms {
         slot: Option<Slot>,
         supervisor: &mut impl Mutex<T = Supervisor<'static>>,
     ) -> Result<(Slot, TableIdentity), Refusal> {
-        if control.lock(|c| c.report().0) != Mode::Disabled {
+        if supervisor.lock(|c| c.report().0) != Mode::Disabled {
             return Err(Refusal::Busy);
         }
         let mut setup = self.setup.ok_or(Refusal::NoSetup)?;
@@ -159,7 +159,7 @@ impl Comms {
         setup: &Setup,
         supervisor: &mut impl Mutex<T = Supervisor<'static>>,
     ) -> Result<TableIdentity, Refusal> {
-        if control.lock(|c| c.report().0) == Mode::Enabled {
+        if supervisor.lock(|c| c.report().0) == Mode::Enabled {
             return Err(Refusal::Busy);
         }
         let table = flash_slots::open(slot, setup.arm.fingerprint()).map_err(Refusal::Table)?;

@@ -176,7 +176,7 @@ mod app {
         let identity = local.comms.identity();
         send(to_host, &identity);
         loop {
-            if control.lock(Supervisor::tick_advanced) {
+            if supervisor.lock(Supervisor::tick_advanced) {
                 local.watchdog.feed();
             }
             let (mode, _, latched, ..) = supervisor.lock(|supervisor| supervisor.report());

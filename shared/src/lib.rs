@@ -24,7 +24,7 @@
 //! positive along the surface normal. SI units throughout; time on the
 //! microcontroller is an integer number of ticks.
 //!
-//! Equation numbers are those of the paper "A Trajectory and Force Supervisor of a
+//! Equation numbers are those of the paper "A Trajectory and Force Control of a
 //! Manipulator with Elastic Links", corrected where `docs/model.md` says so.
 
 #![no_std]

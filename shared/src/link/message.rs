@@ -238,7 +238,7 @@ pub struct Identity {
     pub arm_fingerprint: Option<u32>,
     /// The tables in slots A and B, judged by themselves and against that arm.
     pub slots: [Result<TableIdentity, SlotError>; 2],
-    /// Supervisor rate, Hz.
+    /// Control rate, Hz.
     pub tick_rate_hz: u32,
     /// Core clock, Hz.
     pub core_hz: u32,

@@ -169,7 +169,7 @@ pub struct Header {
 /// A stretch of the motion with evenly spaced knots.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Piece {
-    /// Supervisor periods.
+    /// Control periods.
     pub ticks: u32,
     /// Spline segments, at most as many.
     pub segments: u32,

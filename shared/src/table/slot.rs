@@ -84,7 +84,7 @@ pub struct TableIdentity {
     pub crc: u32,
     /// Fingerprint of the arm that it was planned for.
     pub arm_fingerprint: u32,
-    /// Supervisor periods.
+    /// Control periods.
     pub ticks: u32,
 }
 

@@ -21,9 +21,9 @@ pub const CRYSTAL_POLLS: u32 = 200_000;
 /// (datasheet, table 36).
 pub const PLL_POLLS: u32 = 10_000;
 
-// --- Supervisor period ------------------------------------------------------------------
+// --- Control period ---------------------------------------------------------------------
 
-/// Supervisor rate, Hz. 84 MHz and 16 MHz are both multiples of it, so that it is exact
+/// Control rate, Hz. 84 MHz and 16 MHz are both multiples of it, so that it is exact
 /// with the PLL and without.
 pub const TICK_RATE_HZ: u32 = 5_000;
 /// Timer counts from the converter's trigger to the tick. Two channels take 84 cycles of
