@@ -143,7 +143,7 @@ impl Comms {
         setup.limits = setup.limits.at_most(DRIVE_LIMIT_NM);
         let fingerprint = setup.arm.fingerprint();
         let (slot, table) = select_table(slot, |slot| flash_slots::open(slot, fingerprint))?;
-        let first_row = table.cursor().reference();
+        let first_row = table.cursor().row();
         let standing = supervisor.lock(|c| c.enable_inputs());
         check_enable(&SAFETY, &standing, &first_row)?;
         check_torque_bound(table.torque_bound(), &setup.limits)?;

@@ -17,9 +17,8 @@ use crate::supervisor::sensing::{Calibration, Sensing};
 /// prepares the next.
 pub type ControllerSlot<'a> = Option<Controller<'a, f32>>;
 
-/// The controller's tick, less the parts of its command that nobody reads here. The table
-/// columns behind those then need not be evaluated. Not inlined, or the compiler makes a
-/// copy for each mode.
+/// The controller's tick, its command written into the reply. Not inlined, or the compiler
+/// makes a copy for each mode.
 #[inline(never)]
 fn run(controller: &mut Controller<'_, f32>, measured: &Measurement<f32>, result: &mut TickReply) {
     let command = controller.tick(measured);
