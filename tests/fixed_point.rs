@@ -2,8 +2,8 @@
 //! not fit is refused by name.
 
 use flexor::control::{Coefficients, Controller, LawParameters, LimitParameters, Mismatch};
-use flexor::number::Scalar;
 use flexor::number::fixed::{Exponent, Fixed};
+use flexor::number::{Scalar, SiScalar};
 use flexor::signals::{Measurement, Saturation};
 use flexor::table::Table;
 use flexor_sim::analysis::fixed_point::accuracy::{ends, measure, random_measurements};
@@ -220,7 +220,7 @@ fn torques_are_monotone_up_to_and_beyond_saturation() {
         let mut controller = fresh.clone();
         let torque = controller.tick(&Measurement { force, ..at_rest }).torque;
         saturated += controller.saturations().total();
-        // Both levers are positive there: more force is answered with less torque.
+        // Both moment arms are positive there: more force is answered with less torque.
         if let Some(before) = before {
             assert!(torque[0] <= before[0] && torque[1] <= before[1]);
         }

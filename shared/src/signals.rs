@@ -1,6 +1,6 @@
 //! The tick's signals: their formats in fixed point, and counters of their saturations.
 
-use crate::number::Scalar;
+use crate::number::SiScalar;
 use serde::{Deserialize, Serialize};
 
 /// A format for each kind of signal. In floating point formats are nothing; in fixed point
@@ -9,16 +9,16 @@ use serde::{Deserialize, Serialize};
 pub struct Formats<F> {
     /// Torques of joint 1 and joint 2, N m.
     pub torque: [F; 2],
-    /// Forces: reference, measured, error, integral, correction, N.
+    /// Forces: setpoint, measured, error, integral, correction, N.
     pub force: F,
     /// Angles and their differences, rad.
     pub angle: F,
     /// Root slope, rad.
     pub root_slope: F,
-    /// Root slope rates: reference, measured, deviation, rad/s.
+    /// Root slope rates: setpoint, measured, deviation, rad/s.
     pub slope_rate: F,
-    /// Levers that make torques of forces, m.
-    pub lever: F,
+    /// Moment arms, which make torques of forces, m.
+    pub moment_arm: F,
 }
 
 impl<F: Copy> Formats<F> {
@@ -43,8 +43,8 @@ pub struct SaturationCounts<C> {
     pub force: C,
     /// The law's integral.
     pub integral: C,
-    /// The force that feedback asks for.
-    pub correction: C,
+    /// The force that feedback asks for, u of eq. 18.
+    pub force_correction: C,
     /// Angles from the surface normal.
     pub angle: C,
     /// Deviation of the root slope rate.
@@ -59,7 +59,7 @@ impl SaturationCounts<u32> {
         [
             ("force", self.force),
             ("integral", self.integral),
-            ("correction", self.correction),
+            ("force_correction", self.force_correction),
             ("angle", self.angle),
             ("slope_rate", self.slope_rate),
             ("torque1", self.torque[0]),
@@ -195,7 +195,7 @@ pub struct Measurement<T> {
     pub drive: [Saturation; 2],
 }
 
-impl<T: Scalar> Measurement<T> {
+impl<T: SiScalar> Measurement<T> {
     /// True when every number is finite.
     pub fn is_finite(&self) -> bool {
         T::all_finite([

@@ -21,7 +21,7 @@ use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_rt::{ExceptionFrame, exception};
 use flexor::control::{Coefficients, Controller};
 use flexor::fault::Fault;
-use flexor::number::Scalar;
+use flexor::number::TableScalar;
 use flexor::number::fixed::Fixed;
 use flexor::signals::{Measurement, Saturation};
 use flexor::table::Table;
@@ -39,7 +39,7 @@ const MEASUREMENT_BYTES: usize = 20;
 const COMMAND_BYTES: usize = 16;
 
 /// A number as a word.
-pub trait Bits: Scalar {
+pub trait Bits: TableScalar {
     /// The number with these bits.
     fn of_bits(bits: u32) -> Self;
     /// Its bits.
@@ -74,7 +74,7 @@ struct Output<T> {
 /// The tick as firmware calls it. Not inlined: it is this function's size that
 /// `cargo xtask replay` states.
 #[inline(never)]
-fn flexor_tick<T: Scalar>(
+fn flexor_tick<T: TableScalar>(
     controller: &mut Controller<'static, T>,
     measured: &Measurement<T>,
     output: &mut Output<T>,

@@ -4,7 +4,7 @@
 use crate::planner::plan::Plan;
 use crate::plant::{Plant, PlantError, PlantParameters, Reading, Start};
 use flexor::control::{Command, Controller, LawParameters, LimitParameters, Mismatch};
-use flexor::number::Scalar;
+use flexor::number::TableScalar;
 use flexor::signals::{Formats, Measurement, Saturation};
 use flexor::table::{Table, TableError};
 
@@ -156,7 +156,7 @@ pub fn measurement(reading: &Reading) -> Measurement<f64> {
 ///
 /// # Errors
 /// [`RunError`], before the first tick; what happens later is the [`Outcome`].
-pub fn run<T: Scalar<Format = ()>>(
+pub fn run<T: TableScalar<Format = ()>>(
     plan: &Plan,
     image: &[u8],
     options: &RunOptions,
@@ -168,7 +168,7 @@ pub fn run<T: Scalar<Format = ()>>(
 ///
 /// # Errors
 /// As [`run`].
-pub fn run_with<T: Scalar<Format = ()>>(
+pub fn run_with<T: TableScalar<Format = ()>>(
     plan: &Plan,
     image: &[u8],
     options: &RunOptions,
@@ -185,7 +185,7 @@ pub fn run_with<T: Scalar<Format = ()>>(
 ///
 /// # Errors
 /// As [`run`].
-pub fn run_through<T: Scalar<Format = ()>>(
+pub fn run_through<T: TableScalar<Format = ()>>(
     plan: &Plan,
     image: &[u8],
     options: &RunOptions,
@@ -202,7 +202,7 @@ pub fn run_through<T: Scalar<Format = ()>>(
 ///
 /// # Errors
 /// [`PlantError`], before the first tick.
-pub fn run_controller<T: Scalar>(
+pub fn run_controller<T: TableScalar>(
     plan: &Plan,
     controller: &mut Controller<'_, T>,
     formats: &Formats<T::Format>,

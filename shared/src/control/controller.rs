@@ -11,7 +11,7 @@ use crate::control::law::{Law, LawParameters, LawState};
 use crate::control::limiter::{LimitParameters, TorqueLimiter};
 use crate::fault::Fault;
 use crate::model::ArmParameters;
-use crate::number::Scalar;
+use crate::number::{SiScalar, TableScalar};
 use crate::signals::{Formats, Measurement, Saturation, SaturationCounts};
 use crate::table::{Cursor, Table, TableError};
 use core::fmt;
@@ -34,7 +34,7 @@ pub struct Command<T> {
 /// the host, so that a microcontroller without floating point can do without.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "")]
-pub struct Coefficients<T: Scalar> {
+pub struct Coefficients<T: SiScalar> {
     /// Fingerprint of the arm that they are for.
     pub arm_fingerprint: u32,
     /// Tick rate that they are for, Hz.
@@ -45,7 +45,7 @@ pub struct Coefficients<T: Scalar> {
     limiter: TorqueLimiter<T>,
 }
 
-impl<T: Scalar> Coefficients<T> {
+impl<T: SiScalar> Coefficients<T> {
     /// The coefficients for an arm at a tick rate, with signals of the given formats.
     pub fn new(
         arm: &ArmParameters,
@@ -114,18 +114,19 @@ impl core::error::Error for Mismatch {}
 
 /// The controller: coefficients, table cursor and state.
 #[derive(Clone, Debug)]
-pub struct Controller<'a, T: Scalar> {
+pub struct Controller<'a, T: TableScalar> {
     law: Law<T>,
     limiter: TorqueLimiter<T>,
     table: Table<'a>,
     cursor: Cursor<'a, T>,
     state: LawState<T::Sum>,
-    previous: Option<[T; 2]>,
+    /// Torques of the tick before; of no meaning at the first.
+    previous: [T; 2],
     fault: Option<Fault>,
-    saturations: SaturationCounts<T::Count>,
+    saturations: SaturationCounts<T::SaturationCount>,
 }
 
-impl<'a, T: Scalar<Format = ()>> Controller<'a, T> {
+impl<'a, T: TableScalar<Format = ()>> Controller<'a, T> {
     /// A controller in floating point at the table's first tick. The tick rate is the
     /// table's.
     ///
@@ -145,7 +146,7 @@ impl<'a, T: Scalar<Format = ()>> Controller<'a, T> {
     }
 }
 
-impl<'a, T: Scalar> Controller<'a, T> {
+impl<'a, T: TableScalar> Controller<'a, T> {
     /// A controller in any number type at the table's first tick.
     ///
     /// # Errors
@@ -179,7 +180,7 @@ impl<'a, T: Scalar> Controller<'a, T> {
             table: *table,
             cursor,
             state: LawState::default(),
-            previous: None,
+            previous: [T::ZERO; 2],
             fault: None,
             saturations: SaturationCounts::default(),
         }
@@ -189,7 +190,7 @@ impl<'a, T: Scalar> Controller<'a, T> {
     pub fn restart(&mut self) {
         self.cursor.restart(&self.table);
         self.state = LawState::default();
-        self.previous = None;
+        self.previous = [T::ZERO; 2];
         self.fault = None;
         self.saturations = SaturationCounts::default();
     }
@@ -211,7 +212,7 @@ impl<'a, T: Scalar> Controller<'a, T> {
     }
 
     /// How often each signal has saturated since the start.
-    pub fn saturations(&self) -> &SaturationCounts<T::Count> {
+    pub fn saturations(&self) -> &SaturationCounts<T::SaturationCount> {
         &self.saturations
     }
 
@@ -219,33 +220,31 @@ impl<'a, T: Scalar> Controller<'a, T> {
     #[inline]
     pub fn tick(&mut self, measured: &Measurement<T>) -> Command<T> {
         let tick = self.cursor.tick();
-        let setpoint = self.cursor.setpoint();
         if self.fault.is_none() && !measured.is_finite() {
             self.fault = Some(Fault::MeasurementNotFinite);
         }
         let mut torque = [T::ZERO; 2];
         let mut saturation = [Saturation::None; 2];
         if self.fault.is_none() {
-            let proposal =
+            let setpoint = self.cursor.setpoint();
+            let demand =
                 self.law
-                    .propose(&mut self.state, &setpoint, measured, &mut self.saturations);
-            if measured.drive == saturation && self.limiter.permits(self.previous, proposal.torque)
-            {
-                torque = proposal.torque;
+                    .update(&mut self.state, &setpoint, measured, &mut self.saturations);
+            let previous = (tick > 0).then_some(self.previous);
+            if measured.drive == saturation && self.limiter.permits(previous, demand.torque) {
+                torque = demand.torque;
             } else {
-                match self.limiter.limit(self.previous, proposal.torque) {
-                    Ok((given, limited)) => {
-                        torque = given;
-                        saturation = limited;
-                        let everything =
-                            [0, 1].map(|joint| limited[joint].or(measured.drive[joint]));
-                        self.law.settle(&mut self.state, &proposal, everything);
+                match self.limiter.limit(previous, demand.torque) {
+                    Ok(limited) => {
+                        (torque, saturation) = limited;
+                        let any = [0, 1].map(|joint| saturation[joint].or(measured.drive[joint]));
+                        self.law.anti_windup(&mut self.state, &demand, any);
                     }
                     Err(fault) => self.fault = Some(fault),
                 }
             }
         }
-        self.previous = Some(torque);
+        self.previous = torque;
         self.cursor.advance();
         Command {
             torque,

@@ -28,13 +28,13 @@
 //! **Anti-windup.** An increment of the integral is taken back when it pushed a joint
 //! farther into *any* limit behind the law: torque limit, torque-rate limit or a
 //! drive that reports that it limits. The law therefore runs in two steps,
-//! [`Law::propose`] and, when the limits have spoken, [`Law::settle`].
+//! [`Law::update`] and, when the limits have spoken, [`Law::anti_windup`].
 //!
 //! Coefficients ([`Law`]) and state ([`LawState`]) are apart, so a state can be
 //! reset, copied or compared without touching the gains.
 
 use crate::model::ArmParameters;
-use crate::number::{Scalar, sine};
+use crate::number::{Scalar, SiScalar, sine};
 use crate::signals::{Formats, Measurement, Saturation, SaturationCounts, Setpoint};
 use serde::{Deserialize, Serialize};
 
@@ -100,18 +100,21 @@ impl LawParameters {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "")]
 pub struct Law<T: Scalar> {
-    link1_length: T::Gain,
-    link2_length: T::Gain,
+    /// Lengths r1 and r2 of the links: from a sine to a moment arm.
+    link_length: [T::Gain; 2],
     /// `None` without gains on the force error and its derivative.
-    direct: Option<Direct<T>>,
-    integral_per_tick: T::Weight,
+    force_pd: Option<ForcePd<T>>,
+    /// K_IF times the control period.
+    integral_per_tick: T::Alpha,
+    /// K_w.
     slope_rate: T::Gain,
     /// `None` without a filter.
-    slope_rate_filter: Option<T::Weight>,
+    slope_rate_filter: Option<T::Alpha>,
     /// `None` for the default.
     options: Option<LawOptions>,
-    /// What takes angles into sines, and products of lever and force into torques.
-    turn: T::Turn,
+    /// Format change of angles to half-turns.
+    angle_scale: T::AngleScale,
+    /// Format change of moment arm (m) times force (N) to torque (N m), a joint.
     torque: [T::Shift; 2],
 }
 
@@ -130,37 +133,41 @@ impl LawOptions {
         feedforward: true,
     };
 
-    /// (s1, s2), and planned torques and slope rate, as these options have them. A function
-    /// of its own, or the compiler selects each value in every tick.
+    /// (s1, s2), feedforward torques and planned slope rate as these options have them;
+    /// `moment_arm` is that of link 1. A function of its own, or the compiler selects each
+    /// value in every tick.
     #[cold]
     #[inline(never)]
     fn applied<T: Scalar>(
         &self,
-        lever1: T,
-        mut projection: [T; 2],
-        mut planned: ([T; 2], T),
-    ) -> ([T; 2], ([T; 2], T)) {
+        moment_arm: T,
+        mut force_to_torque: [T; 2],
+        mut feedforward: [T; 2],
+        mut slope_rate: T,
+    ) -> ([T; 2], [T; 2], T) {
         if self.projection == ForceProjection::AsPrinted {
-            projection[1] = lever1;
+            force_to_torque[1] = moment_arm;
         }
         if !self.feedforward {
-            planned.0 = [T::ZERO; 2];
+            feedforward = [T::ZERO; 2];
         }
         if self.slope_rate_feedback == SlopeRateFeedback::AsPrinted {
-            planned.1 = T::ZERO;
+            slope_rate = T::ZERO;
         }
-        (projection, planned)
+        (force_to_torque, feedforward, slope_rate)
     }
 }
 
-/// The law's part that acts on the force error and its derivative.
+/// The law's proportional and derivative part, on the filtered force error.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "")]
-struct Direct<T: Scalar> {
+struct ForcePd<T: Scalar> {
+    /// K_DF divided by the control period.
     derivative_per_tick: T::Gain,
+    /// K_PF.
     proportional: T::Gain,
     /// `None` without a filter.
-    filter: Option<T::Weight>,
+    filter: Option<T::Alpha>,
 }
 
 /// What the law remembers from tick to tick.
@@ -176,16 +183,17 @@ pub struct LawState<S> {
     pub filtered_slope_rate: S,
 }
 
-/// Torques that the law asks for, before any limit.
+/// Torques that the law asks for, before any limit, and what
+/// [`Law::anti_windup`] wants to know of them.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Proposal<T: Scalar> {
+pub struct TorqueDemand<T: Scalar> {
     /// (tau1, tau2), N m.
     pub torque: [T; 2],
-    /// (s1, s2), m.
-    pub projection: [T; 2],
+    /// (s1, s2): joint torques of a unit force along the surface normal, J^T n, m.
+    pub force_to_torque: [T; 2],
     /// What this tick added to the integral, N.
-    pub increment: T::Sum,
-    /// The integral without it.
+    pub integral_step: T::Sum,
+    /// The integral without it, N.
     pub integral_before: T::Sum,
 }
 
@@ -201,19 +209,19 @@ pub struct Coefficient {
 }
 
 /// The first-order filters' coefficient for a corner.
-fn filter_weight(corner_hz: f64, rate_hz: f64) -> f64 {
+fn filter_alpha(corner_hz: f64, rate_hz: f64) -> f64 {
     let angle = core::f64::consts::TAU * corner_hz / rate_hz;
     angle / (1.0 + angle)
 }
 
-impl<T: Scalar<Format = ()>> Law<T> {
+impl<T: SiScalar<Format = ()>> Law<T> {
     /// Coefficients for `arm` at `tick_rate_hz`, in floating point.
     pub fn new(parameters: &LawParameters, arm: &ArmParameters, tick_rate_hz: u32) -> Self {
         Self::in_formats(parameters, arm, tick_rate_hz, &Formats::default())
     }
 }
 
-impl<T: Scalar> Law<T> {
+impl<T: SiScalar> Law<T> {
     /// Coefficients for `arm` at `tick_rate_hz` and signals of the given formats. Those
     /// that a format cannot take saturate: see [`coefficients`](Self::coefficients).
     pub fn in_formats(
@@ -223,10 +231,8 @@ impl<T: Scalar> Law<T> {
         formats: &Formats<T::Format>,
     ) -> Self {
         let rate = f64::from(tick_rate_hz);
-        let filter =
-            |corner_hz: Option<f64>| corner_hz.map(|hz| T::weight(filter_weight(hz, rate)));
+        let filter = |corner_hz: Option<f64>| corner_hz.map(|hz| T::alpha(filter_alpha(hz, rate)));
         let force = |gain| T::gain(gain, formats.force, formats.force);
-        let lever = |length| T::gain(length, T::SINE, formats.lever);
         let gains = [
             parameters.force_derivative_s * rate,
             parameters.force_proportional,
@@ -237,14 +243,14 @@ impl<T: Scalar> Law<T> {
             feedforward: parameters.feedforward,
         };
         Self {
-            link1_length: lever(arm.link1_length_m),
-            link2_length: lever(arm.link2_length_m),
-            direct: (gains != [0.0; 2]).then(|| Direct {
+            link_length: [arm.link1_length_m, arm.link2_length_m]
+                .map(|length| T::gain(length, T::SINE, formats.moment_arm)),
+            force_pd: (gains != [0.0; 2]).then(|| ForcePd {
                 derivative_per_tick: force(gains[0]),
                 proportional: force(gains[1]),
                 filter: filter(parameters.force_filter_hz),
             }),
-            integral_per_tick: T::weight(parameters.force_integral_per_s / rate),
+            integral_per_tick: T::alpha(parameters.force_integral_per_s / rate),
             slope_rate: T::gain(
                 parameters.slope_rate_nms_rad,
                 formats.slope_rate,
@@ -252,10 +258,10 @@ impl<T: Scalar> Law<T> {
             ),
             slope_rate_filter: filter(parameters.slope_rate_filter_hz),
             options: (options != LawOptions::DEFAULT).then_some(options),
-            turn: T::turn(formats.angle),
+            angle_scale: T::angle_scale(formats.angle),
             torque: formats
                 .torque
-                .map(|torque| T::shift(formats.lever, formats.force, torque)),
+                .map(|torque| T::shift(formats.moment_arm, formats.force, torque)),
         }
     }
 
@@ -269,36 +275,37 @@ impl<T: Scalar> Law<T> {
     ) -> [Coefficient; 8] {
         let rate = f64::from(tick_rate_hz);
         let force = |gain| T::gain_value(gain, formats.force, formats.force);
-        let lever = |gain| T::gain_value(gain, T::SINE, formats.lever);
-        let filter = |corner_hz: Option<f64>| corner_hz.map_or(0.0, |hz| filter_weight(hz, rate));
-        let filtered = |weight: Option<T::Weight>| weight.map_or(0.0, T::weight_value);
-        let direct =
-            |gain: fn(&Direct<T>) -> T::Gain| self.direct.as_ref().map_or(0.0, |d| force(gain(d)));
+        let length = |gain| T::gain_value(gain, T::SINE, formats.moment_arm);
+        let filter = |corner_hz: Option<f64>| corner_hz.map_or(0.0, |hz| filter_alpha(hz, rate));
+        let filtered = |alpha: Option<T::Alpha>| alpha.map_or(0.0, T::alpha_value);
+        let pd = |gain: fn(&ForcePd<T>) -> T::Gain| {
+            self.force_pd.as_ref().map_or(0.0, |pd| force(gain(pd)))
+        };
         [
             (
                 "link1.length_m",
                 arm.link1_length_m,
-                lever(self.link1_length),
+                length(self.link_length[0]),
             ),
             (
                 "link2.length_m",
                 arm.link2_length_m,
-                lever(self.link2_length),
+                length(self.link_length[1]),
             ),
             (
                 "K_DF_s",
                 parameters.force_derivative_s,
-                direct(|d| d.derivative_per_tick) / rate,
+                pd(|pd| pd.derivative_per_tick) / rate,
             ),
             (
                 "K_PF",
                 parameters.force_proportional,
-                direct(|d| d.proportional),
+                pd(|pd| pd.proportional),
             ),
             (
                 "K_IF_per_s",
                 parameters.force_integral_per_s,
-                T::weight_value(self.integral_per_tick) * rate,
+                T::alpha_value(self.integral_per_tick) * rate,
             ),
             (
                 "K_w_Nms_rad",
@@ -307,9 +314,9 @@ impl<T: Scalar> Law<T> {
             ),
             (
                 "force_filter_Hz",
-                self.direct
+                self.force_pd
                     .map_or(0.0, |_| filter(parameters.force_filter_hz)),
-                self.direct.map_or(0.0, |direct| filtered(direct.filter)),
+                self.force_pd.map_or(0.0, |pd| filtered(pd.filter)),
             ),
             (
                 "slope_rate_filter_Hz",
@@ -319,82 +326,98 @@ impl<T: Scalar> Law<T> {
         ]
         .map(|(name, wanted, is)| Coefficient { name, wanted, is })
     }
+}
 
-    /// Torques for a measurement, and the integral's increment, already part of the
-    /// state and of the torques.
+impl<T: Scalar> Law<T> {
+    /// The law's torques for a measurement, eq. 18-20; steps filters and integral on.
     #[inline]
-    pub fn propose(
+    pub fn update(
         &self,
         state: &mut LawState<T::Sum>,
         setpoint: &Setpoint<T>,
         measured: &Measurement<T>,
-        saturations: &mut SaturationCounts<T::Count>,
-    ) -> Proposal<T> {
-        let error = setpoint.force.minus(measured.force, &mut saturations.force);
-        let increment = error.weighted(self.integral_per_tick);
+        saturations: &mut SaturationCounts<T::SaturationCount>,
+    ) -> TorqueDemand<T> {
+        let count = saturations;
+        let force_error = setpoint.force.minus(measured.force, &mut count.force);
         let integral_before = state.integral;
-        state.integral = T::accumulated(integral_before, increment, &mut saturations.integral);
-        let mut correction = T::of_sum(state.integral);
-        if let Some(direct) = &self.direct {
-            let memory = state.filtered_error.get_or_insert(error.sum());
-            let (before, filtered) = low_pass(memory, direct.filter, error, &mut saturations.force);
-            let count = &mut saturations.correction;
-            correction = filtered
-                .minus(before, count)
-                .scaled(direct.derivative_per_tick, count)
-                .plus(filtered.scaled(direct.proportional, count), count)
-                .plus(correction, count);
+        let integral_step = force_error.times_alpha(self.integral_per_tick);
+        state.integral = T::accumulated(integral_before, integral_step, &mut count.integral);
+        let mut u = T::of_sum(state.integral);
+        if let Some(pd) = &self.force_pd {
+            u = pd
+                .update(state, force_error, count)
+                .plus(u, &mut count.force_correction);
         }
 
-        let (normal, count) = (setpoint.normal_angle, &mut saturations.angle);
-        let [first, second] = measured.angle;
-        let lever1 = lever(self.link1_length, normal, first, self.turn, count);
-        let lever2 = lever(self.link2_length, normal, second, self.turn, count);
-        let mut projection = [lever1.plus_in_range(lever2), lever2];
-        let mut planned = (setpoint.torque, setpoint.root_slope_rate);
+        let ([r1, r2], [theta10, theta20]) = (self.link_length, measured.angle);
+        let phi = setpoint.normal_angle;
+        let arm1 = self.moment_arm(r1, phi, theta10, &mut count.angle);
+        let arm2 = self.moment_arm(r2, phi, theta20, &mut count.angle);
+        let mut force_to_torque = [arm1.plus_in_range(arm2), arm2];
+        let (mut feedforward, mut planned_rate) = (setpoint.torque, setpoint.root_slope_rate);
         if let Some(options) = &self.options {
-            (projection, planned) = options.applied(lever1, projection, planned);
+            (force_to_torque, feedforward, planned_rate) =
+                options.applied(arm1, force_to_torque, feedforward, planned_rate);
         }
 
         let slope_rate = measured
             .root_slope_rate
-            .minus(planned.1, &mut saturations.slope_rate);
-        let (_, slope_rate) = low_pass(
+            .minus(planned_rate, &mut count.slope_rate);
+        let slope_rate = low_pass(
             &mut state.filtered_slope_rate,
             self.slope_rate_filter,
             slope_rate,
-            &mut saturations.slope_rate,
+            &mut count.slope_rate,
         );
-        let mut torque = [0, 1].map(|joint| {
-            let count = &mut saturations.torque[joint];
-            projection[joint]
-                .times(correction, self.torque[joint], count)
-                .plus(planned.0[joint], count)
-        });
-        let count = &mut saturations.torque[1];
-        torque[1] = torque[1].minus(slope_rate.scaled(self.slope_rate, count), count);
-        Proposal {
-            torque,
-            projection,
-            increment,
+
+        let [s1, s2] = force_to_torque;
+        let [count1, count2] = &mut count.torque;
+        let tau1 = s1
+            .times(u, self.torque[0], count1)
+            .plus(feedforward[0], count1);
+        let tau2 = s2
+            .times(u, self.torque[1], count2)
+            .plus(feedforward[1], count2)
+            .minus(slope_rate.scaled(self.slope_rate, count2), count2);
+        TorqueDemand {
+            torque: [tau1, tau2],
+            force_to_torque,
+            integral_step,
             integral_before,
         }
     }
 
-    /// Tells the law which joints were limited in this tick. Takes the integral's
-    /// increment back when it pushed any of them farther into its limit.
+    /// Moment arm of a force along the surface normal at a link's end about the link's
+    /// joint, m: r sin(phi - theta).
     #[inline]
-    pub fn settle(
+    fn moment_arm(
+        &self,
+        length: T::Gain,
+        normal_angle: T,
+        angle: T,
+        count: &mut T::SaturationCount,
+    ) -> T {
+        sine::sin(normal_angle.minus(angle, count), self.angle_scale).scaled(length, count)
+    }
+
+    /// Tells the law which joints were limited in this tick. Takes the integral's step back
+    /// when it pushed any of them farther into its limit.
+    #[inline]
+    pub fn anti_windup(
         &self,
         state: &mut LawState<T::Sum>,
-        proposal: &Proposal<T>,
+        demand: &TorqueDemand<T>,
         saturation: [Saturation; 2],
     ) {
         let nothing = T::Sum::default();
-        let (more, less) = (proposal.increment > nothing, proposal.increment < nothing);
+        let (more, less) = (
+            demand.integral_step > nothing,
+            demand.integral_step < nothing,
+        );
         let pushed = |joint: usize| {
-            let projection = proposal.projection[joint];
-            let (along, against) = (projection > T::ZERO, projection < T::ZERO);
+            let s = demand.force_to_torque[joint];
+            let (along, against) = (s > T::ZERO, s < T::ZERO);
             match saturation[joint] {
                 Saturation::None => false,
                 Saturation::Upper => along && more || against && less,
@@ -402,37 +425,44 @@ impl<T: Scalar> Law<T> {
             }
         };
         if pushed(0) || pushed(1) {
-            state.integral = proposal.integral_before;
+            state.integral = demand.integral_before;
         }
     }
 }
 
-/// Lever of a force along the normal at a link's end, m.
-#[inline]
-fn lever<T: Scalar>(
-    length: T::Gain,
-    normal_angle: T,
-    angle: T,
-    turn: T::Turn,
-    count: &mut T::Count,
-) -> T {
-    sine::sin(normal_angle.minus(angle, count), turn).scaled(length, count)
+impl<T: Scalar> ForcePd<T> {
+    /// K_DF times the derivative of the filtered force error, and K_PF times that error, N.
+    #[inline]
+    fn update(
+        &self,
+        state: &mut LawState<T::Sum>,
+        force_error: T,
+        count: &mut SaturationCounts<T::SaturationCount>,
+    ) -> T {
+        let memory = state.filtered_error.get_or_insert(force_error.sum());
+        let before = T::of_sum(*memory);
+        let filtered = low_pass(memory, self.filter, force_error, &mut count.force);
+        let count = &mut count.force_correction;
+        filtered
+            .minus(before, count)
+            .scaled(self.derivative_per_tick, count)
+            .plus(filtered.scaled(self.proportional, count), count)
+    }
 }
 
-/// Passes `input` through a filter: its output before and now. The memory is the output
-/// without rounding, so that no input is too small to move it. Without a filter it is the
-/// input.
+/// Passes `input` through a first-order low-pass: its output. The memory is the output
+/// without rounding, so that no input is too small to move it. Without a filter, without
+/// `alpha`, it is the input.
 #[inline]
 fn low_pass<T: Scalar>(
     memory: &mut T::Sum,
-    weight: Option<T::Weight>,
+    alpha: Option<T::Alpha>,
     input: T,
-    count: &mut T::Count,
-) -> (T, T) {
-    let before = T::of_sum(*memory);
-    let now = match weight {
-        Some(weight) => {
-            let step = input.minus(before, count).weighted(weight);
+    count: &mut T::SaturationCount,
+) -> T {
+    match alpha {
+        Some(alpha) => {
+            let step = input.minus(T::of_sum(*memory), count).times_alpha(alpha);
             *memory = T::accumulated(*memory, step, count);
             T::of_sum(*memory)
         }
@@ -440,8 +470,7 @@ fn low_pass<T: Scalar>(
             *memory = input.sum();
             input
         }
-    };
-    (before, now)
+    }
 }
 
 #[cfg(test)]
@@ -491,8 +520,8 @@ mod tests {
     }
 
     /// What the law asks for when `force` is measured.
-    fn propose(law: &Law<f64>, state: &mut LawState<f64>, force: f64) -> Proposal<f64> {
-        law.propose(
+    fn update(law: &Law<f64>, state: &mut LawState<f64>, force: f64) -> TorqueDemand<f64> {
+        law.update(
             state,
             &setpoint(),
             &measured(force),
@@ -503,20 +532,22 @@ mod tests {
     #[test]
     fn without_error_the_feedforward_passes_unchanged() {
         let law = Law::new(&LawParameters::FEEDFORWARD, &ARM, 5000);
-        let proposal = propose(&law, &mut LawState::default(), -7.0);
-        assert_eq!(proposal.torque, [-3.0, 0.3]);
+        let demand = update(&law, &mut LawState::default(), -7.0);
+        assert_eq!(demand.torque, [-3.0, 0.3]);
     }
 
     #[test]
     fn each_term_is_that_of_equations_18_to_20() {
         let law = Law::new(&GAINS, &ARM, 1000);
         let mut state = LawState::default();
-        propose(&law, &mut state, 1.5); // e = 0.5
-        let p = propose(&law, &mut state, 1.4); // e = 0.6
+        update(&law, &mut state, 1.5); // e = 0.5
+        let p = update(&law, &mut state, 1.4); // e = 0.6
         let u = 0.01 * (0.1 / 1e-3) + 0.5 * 0.6 + 4.0 * (0.5 + 0.6) * 1e-3;
         let (c1, c2) = (libm::cos(0.95), libm::cos(-0.72));
         let (s1, s2) = (0.5 * c1 + 0.55 * c2, 0.55 * c2);
-        assert!((p.projection[0] - s1).abs() < 1e-8 && (p.projection[1] - s2).abs() < 1e-8);
+        assert!(
+            (p.force_to_torque[0] - s1).abs() < 1e-8 && (p.force_to_torque[1] - s2).abs() < 1e-8
+        );
         assert!((p.torque[0] - (-3.0 + s1 * u)).abs() < 1e-7);
         assert!((p.torque[1] - (0.3 + s2 * u - 0.1 * 0.2)).abs() < 1e-7);
     }
@@ -528,14 +559,14 @@ mod tests {
             slope_rate_feedback: SlopeRateFeedback::AsPrinted,
             ..GAINS
         };
-        let p = propose(
+        let p = update(
             &Law::new(&printed, &ARM, 1000),
             &mut LawState::default(),
             1.5,
         );
-        assert!((p.projection[1] - 0.5 * libm::cos(0.95)).abs() < 1e-8);
+        assert!((p.force_to_torque[1] - 0.5 * libm::cos(0.95)).abs() < 1e-8);
         let u = 0.5 * 0.5 + 4.0 * 0.5e-3;
-        assert!((p.torque[1] - (0.3 + p.projection[1] * u - 0.1 * 0.25)).abs() < 1e-9);
+        assert!((p.torque[1] - (0.3 + p.force_to_torque[1] * u - 0.1 * 0.25)).abs() < 1e-9);
     }
 
     #[test]
@@ -547,7 +578,7 @@ mod tests {
             ..GAINS
         };
         let law = Law::new(&only_derivative, &ARM, 5000);
-        let p = propose(&law, &mut LawState::default(), -50.0);
+        let p = update(&law, &mut LawState::default(), -50.0);
         assert_eq!(p.torque, [-3.0, 0.3]);
     }
 
@@ -561,10 +592,10 @@ mod tests {
         };
         let law = Law::new(&filtered, &ARM, 100_000);
         let mut state = LawState::default();
-        propose(&law, &mut state, 2.0);
+        update(&law, &mut state, 2.0);
         let ticks = 1592; // one time constant, 1 / (2 pi 10 Hz) = 15.92 ms
         for _ in 0..ticks {
-            propose(&law, &mut state, 1.0);
+            update(&law, &mut state, 1.0);
         }
         let expected = 1.0 - libm::exp(-core::f64::consts::TAU * corner * f64::from(ticks) * 1e-5);
         assert!((state.filtered_error.unwrap() - expected).abs() < 1e-3);
@@ -578,12 +609,12 @@ mod tests {
             saturation[joint] = Saturation::Upper;
             let mut state = LawState::default();
             // e > 0 and s > 0: the increment pushes up, into the limit.
-            let p = propose(&law, &mut state, 0.0);
-            law.settle(&mut state, &p, saturation);
+            let p = update(&law, &mut state, 0.0);
+            law.anti_windup(&mut state, &p, saturation);
             assert_eq!(state.integral, 0.0);
             // e < 0 pushes down, away from it.
-            let p = propose(&law, &mut state, 5.0);
-            law.settle(&mut state, &p, saturation);
+            let p = update(&law, &mut state, 5.0);
+            law.anti_windup(&mut state, &p, saturation);
             assert!(state.integral < 0.0);
         }
     }

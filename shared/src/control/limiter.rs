@@ -5,7 +5,7 @@
 //! stop; an undefined torque is a [`Fault`], latched by the controller.
 
 use crate::fault::Fault;
-use crate::number::Scalar;
+use crate::number::{Scalar, SiScalar};
 use crate::signals::Saturation;
 use serde::{Deserialize, Serialize};
 
@@ -39,14 +39,14 @@ pub struct TorqueLimiter<T: Scalar> {
     step: [T; 2],
 }
 
-impl<T: Scalar<Format = ()>> TorqueLimiter<T> {
+impl<T: SiScalar<Format = ()>> TorqueLimiter<T> {
     /// The limits at `tick_rate_hz`, in floating point.
     pub fn new(limits: &LimitParameters, tick_rate_hz: u32) -> Self {
         Self::in_formats(limits, tick_rate_hz, [(); 2])
     }
 }
 
-impl<T: Scalar> TorqueLimiter<T> {
+impl<T: SiScalar> TorqueLimiter<T> {
     /// The limits at `tick_rate_hz`, for torques of the given formats. Limits beyond a
     /// format's range are at its end; one that is negative or NaN is 0.
     pub fn in_formats(limits: &LimitParameters, tick_rate_hz: u32, torque: [T::Format; 2]) -> Self {
@@ -57,14 +57,16 @@ impl<T: Scalar> TorqueLimiter<T> {
             step: [0, 1].map(|i| limit(limits.torque_rate_nm_s[i] / rate, torque[i])),
         }
     }
+}
 
+impl<T: Scalar> TorqueLimiter<T> {
     /// True when [`limit`](Self::limit) would leave `wanted` as it is, short of the limits
     /// themselves: a few comparisons, which nothing passes that is not finite.
     #[inline]
     pub fn permits(&self, previous: Option<[T; 2]>, wanted: [T; 2]) -> bool {
         previous.is_some_and(|previous| {
             (0..2).all(|joint| {
-                let step = wanted[joint].minus(previous[joint], &mut T::Count::default());
+                let step = wanted[joint].minus(previous[joint], &mut T::SaturationCount::default());
                 wanted[joint].is_within(self.torque[joint]) && step.is_within(self.step[joint])
             })
         })
@@ -90,7 +92,7 @@ impl<T: Scalar> TorqueLimiter<T> {
                 // The previous torque was within its limit, so low stays below high.
                 // A sum that saturates lies beyond the torque limit, so it need not be counted.
                 let step = self.step[joint];
-                let count = &mut T::Count::default();
+                let count = &mut T::SaturationCount::default();
                 low = low.larger(previous[joint].minus(step, count));
                 high = high.smaller(previous[joint].plus(step, count));
             }

@@ -16,7 +16,7 @@
 //! Glossary: a format's *exponent* E says that 1 stands for 2^E in the signal's unit; a
 //! *unit* is the last bit, 2^(E - 31); *up* is the left shift after a product.
 
-use crate::number::scalar::{Constant, Scalar};
+use crate::number::scalar::{Constant, Scalar, SiScalar, TableScalar};
 use fixed::types::I1F31;
 use serde::{Deserialize, Serialize};
 
@@ -93,11 +93,11 @@ impl ShiftedGain {
     }
 }
 
-/// How a table column's integers become knots and the splines' values the signal.
+/// How a table column's integers become control points and the splines' values the signal.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Quantum {
+pub struct ColumnScale {
     /// Right shift of the integers, at least 2: a spline's coefficients are up to 4.4
-    /// times as large as its knots, and those up to 2^30.
+    /// times as large as its control points, and those up to 2^30.
     down: u8,
     /// Left shift of the values.
     up: u8,
@@ -154,7 +154,7 @@ fn product(a: i32, b: i32) -> i64 {
 
 /// Counts a saturation; the counter itself stays at its end.
 #[inline]
-fn saturated(count: &mut u32) {
+fn count_saturation(count: &mut u32) {
     *count = count.saturating_add(1);
 }
 
@@ -166,7 +166,7 @@ fn shifted(x: i32, up: u8, count: &mut u32) -> Fixed {
     if result.wrapping_shr(up) == x {
         of(result)
     } else {
-        saturated(count);
+        count_saturation(count);
         of(if x < 0 { i32::MIN } else { i32::MAX })
     }
 }
@@ -175,7 +175,7 @@ fn shifted(x: i32, up: u8, count: &mut u32) -> Fixed {
 #[inline]
 fn in_range((sum, overflown): (i32, bool), count: &mut u32) -> Fixed {
     if overflown {
-        saturated(count);
+        count_saturation(count);
         // The wrapped sum has the wrong sign.
         of(if sum < 0 { i32::MAX } else { i32::MIN })
     } else {
@@ -189,56 +189,18 @@ const SUM_POINT: u32 = 31;
 const SUM_TOP: i32 = 1 << 30;
 
 impl Scalar for Fixed {
-    type Format = Exponent;
     type Gain = ShiftedGain;
-    type Weight = i32;
+    type Alpha = i32;
     type Shift = u8;
-    type Turn = ShiftedGain;
+    type AngleScale = ShiftedGain;
     type Sum = i64;
-    type Count = u32;
-    type Quantum = Quantum;
-    type Reciprocal = Reciprocal;
+    type SaturationCount = u32;
 
     const ZERO: Self = of(0);
-    const SINE: Exponent = Exponent(1);
-
-    fn from_si(value: f64, format: Exponent) -> Self {
-        // `as` saturates, and NaN gives 0.
-        of(libm::rint(value / format.unit()) as i32)
-    }
-
-    fn to_si(self, format: Exponent) -> f64 {
-        f64::from(bits(self)) * format.unit()
-    }
 
     #[inline]
     fn constant(constant: Constant) -> Self {
         of(constant.bits)
-    }
-
-    fn gain(value: f64, from: Exponent, to: Exponent) -> ShiftedGain {
-        ShiftedGain::new(value * from.range() / to.range())
-    }
-
-    fn gain_value(gain: ShiftedGain, from: Exponent, to: Exponent) -> f64 {
-        gain.ratio() * to.range() / from.range()
-    }
-
-    fn weight(value: f64) -> i32 {
-        (libm::rint(value * 2_147_483_648.0) as i32).max(0)
-    }
-
-    fn weight_value(weight: i32) -> f64 {
-        f64::from(weight) / 2_147_483_648.0
-    }
-
-    fn shift(a: Exponent, b: Exponent, to: Exponent) -> u8 {
-        let up = i32::from(a.0) + i32::from(b.0) + 1 - i32::from(to.0);
-        up.clamp(0, 31) as u8
-    }
-
-    fn turn(format: Exponent) -> ShiftedGain {
-        ShiftedGain::new(format.range() * core::f64::consts::FRAC_1_PI)
     }
 
     #[inline]
@@ -302,8 +264,8 @@ impl Scalar for Fixed {
     }
 
     #[inline]
-    fn weighted(self, weight: i32) -> i64 {
-        product(bits(self), weight)
+    fn times_alpha(self, alpha: i32) -> i64 {
+        product(bits(self), alpha)
     }
 
     #[inline]
@@ -313,10 +275,10 @@ impl Scalar for Fixed {
         let sum = sum.wrapping_add(more);
         let top = (sum >> 32) as i32;
         if top >= SUM_TOP {
-            saturated(count);
+            count_saturation(count);
             (i64::from(SUM_TOP) << 32) - 1
         } else if top < -SUM_TOP {
-            saturated(count);
+            count_saturation(count);
             -(i64::from(SUM_TOP) << 32)
         } else {
             sum
@@ -324,9 +286,10 @@ impl Scalar for Fixed {
     }
 
     #[inline]
-    fn reduced(self, turn: ShiftedGain) -> Self {
+    fn reduced(self, angle_scale: ShiftedGain) -> Self {
         // Half a turn is 2^31: what the shift drops is whole turns.
-        let angle = high_product(bits(self), turn.mantissa).wrapping_shl(turn.up.into());
+        let angle =
+            high_product(bits(self), angle_scale.mantissa).wrapping_shl(angle_scale.up.into());
         // Beyond a quarter turn: sin(a) = sin(half a turn - a).
         let quarter = 1 << 30;
         let angle = if angle.wrapping_add(quarter) < 0 {
@@ -340,24 +303,78 @@ impl Scalar for Fixed {
     }
 
     #[inline]
-    fn quantum(scaling: i8, format: Exponent) -> Option<Quantum> {
+    fn all_finite<const N: usize>(_values: [Self; N]) -> bool {
+        true
+    }
+
+    #[inline]
+    fn is_within(self, limit: Self) -> bool {
+        bits(self).unsigned_abs() < bits(limit).cast_unsigned()
+    }
+}
+
+impl SiScalar for Fixed {
+    type Format = Exponent;
+    const SINE: Exponent = Exponent(1);
+
+    fn from_si(value: f64, format: Exponent) -> Self {
+        // `as` saturates, and NaN gives 0.
+        of(libm::rint(value / format.unit()) as i32)
+    }
+
+    fn to_si(self, format: Exponent) -> f64 {
+        f64::from(bits(self)) * format.unit()
+    }
+
+    fn gain(value: f64, from: Exponent, to: Exponent) -> ShiftedGain {
+        ShiftedGain::new(value * from.range() / to.range())
+    }
+
+    fn gain_value(gain: ShiftedGain, from: Exponent, to: Exponent) -> f64 {
+        gain.ratio() * to.range() / from.range()
+    }
+
+    fn alpha(value: f64) -> i32 {
+        (libm::rint(value * 2_147_483_648.0) as i32).max(0)
+    }
+
+    fn alpha_value(alpha: i32) -> f64 {
+        f64::from(alpha) / 2_147_483_648.0
+    }
+
+    fn shift(a: Exponent, b: Exponent, to: Exponent) -> u8 {
+        let up = i32::from(a.0) + i32::from(b.0) + 1 - i32::from(to.0);
+        up.clamp(0, 31) as u8
+    }
+
+    fn angle_scale(format: Exponent) -> ShiftedGain {
+        ShiftedGain::new(format.range() * core::f64::consts::FRAC_1_PI)
+    }
+}
+
+impl TableScalar for Fixed {
+    type ColumnScale = ColumnScale;
+    type Reciprocal = Reciprocal;
+
+    #[inline]
+    fn column_scale(scaling: i8, format: Exponent) -> Option<ColumnScale> {
         let net = 31 - i32::from(format.0) - i32::from(scaling);
         // Values are up to 2^30 units of the table.
-        (net <= 0).then_some(Quantum {
+        (net <= 0).then_some(ColumnScale {
             down: (-net).clamp(2, 31) as u8,
             up: (net + 2).max(0) as u8,
         })
     }
 
     #[inline]
-    fn knot(raw: i32, quantum: Quantum) -> Self {
+    fn control_point(raw: i32, column_scale: ColumnScale) -> Self {
         // To nearest.
-        of((raw.wrapping_shr(u32::from(quantum.down) - 1) + 1) >> 1)
+        of((raw.wrapping_shr(u32::from(column_scale.down) - 1) + 1) >> 1)
     }
 
     #[inline]
-    fn spline_signal(self, quantum: Quantum) -> Self {
-        of(bits(self).wrapping_shl(quantum.up.into()))
+    fn from_spline(value: Self, column_scale: ColumnScale) -> Self {
+        of(bits(value).wrapping_shl(column_scale.up.into()))
     }
 
     #[inline]
@@ -382,16 +399,6 @@ impl Scalar for Fixed {
         let part = part.wrapping_shl(reciprocal.up.into()).cast_signed();
         of(high_product(part, reciprocal.mantissa).wrapping_shl(2))
     }
-
-    #[inline]
-    fn all_finite<const N: usize>(_values: [Self; N]) -> bool {
-        true
-    }
-
-    #[inline]
-    fn is_within(self, limit: Self) -> bool {
-        self < limit && self > limit.negative()
-    }
 }
 
 #[cfg(test)]
@@ -404,13 +411,13 @@ mod tests {
     fn the_sine_is_within_its_bound_over_all_of_a_format() {
         for exponent in [1, 3, 6] {
             let format = Exponent(exponent);
-            let turn = Fixed::turn(format);
+            let angle_scale = Fixed::angle_scale(format);
             // The binary angle's resolution, half a turn / 2^31 times 2^up.
-            let argument = core::f64::consts::PI / 2_147_483_648.0 * f64::from(1 << turn.up);
+            let argument = core::f64::consts::PI / 2_147_483_648.0 * f64::from(1 << angle_scale.up);
             let mut worst = 0.0_f64;
             for i in 0..1_000_003_i64 {
                 let x = of((i * 4_294_967_296 / 1_000_003 - 2_147_483_648) as i32);
-                let sine = sine::sin(x, turn).to_si(Fixed::SINE);
+                let sine = sine::sin(x, angle_scale).to_si(Fixed::SINE);
                 worst = worst.max((sine - libm::sin(x.to_si(format))).abs());
             }
             assert!(worst <= 4e-8 + 2.0 * argument, "{exponent}: {worst:e}");
@@ -418,8 +425,9 @@ mod tests {
         for edge in [i32::MIN, i32::MAX, 0, -1, 1 << 30, -(1 << 30)] {
             for exponent in 0..8 {
                 let format = Exponent(exponent);
-                let (x, turn) = (of(edge), Fixed::turn(format));
-                let error = sine::sin(x, turn).to_si(Fixed::SINE) - libm::sin(x.to_si(format));
+                let (x, angle_scale) = (of(edge), Fixed::angle_scale(format));
+                let error =
+                    sine::sin(x, angle_scale).to_si(Fixed::SINE) - libm::sin(x.to_si(format));
                 assert!(error.abs() < 1e-6, "{edge} in {exponent}: {error:e}");
             }
         }
@@ -457,15 +465,15 @@ mod tests {
     fn a_sum_forgets_nothing_in_ten_million_ticks() {
         // A constant, an alternating and a tiny signal: what 32 bits would have lost.
         for signal in [[123_456, 123_456], [-7, 8], [3, 3]] {
-            let weight = Fixed::weight(4e-4);
+            let alpha = Fixed::alpha(4e-4);
             let mut sum = of(0).sum();
             let mut count = 0;
             for tick in 0..10_000_000_usize {
-                let more = of(signal[tick % 2]).weighted(weight);
+                let more = of(signal[tick % 2]).times_alpha(alpha);
                 sum = Fixed::accumulated(sum, more, &mut count);
             }
             let added = i64::from(signal[0]) + i64::from(signal[1]);
-            assert_eq!(sum, added * 5_000_000 * i64::from(weight));
+            assert_eq!(sum, added * 5_000_000 * i64::from(alpha));
             assert_eq!(count, 0);
         }
     }

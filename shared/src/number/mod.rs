@@ -2,7 +2,7 @@
 //!
 //! | file | responsible for |
 //! |---|---|
-//! | `scalar` | [`Scalar`], what the control tick computes with |
+//! | `scalar` | [`Scalar`], what the control tick computes with; [`SiScalar`], [`TableScalar`] |
 //! | `real` | [`Real`], what model, planning and simulation compute with |
 //! | [`fixed`] | the fixed-point scalar |
 //! | [`sine`] | the sine that the control tick may use (a polynomial, no libm) |
@@ -13,4 +13,4 @@ mod scalar;
 pub mod sine;
 
 pub use real::Real;
-pub use scalar::{Constant, Scalar};
+pub use scalar::{Constant, Scalar, SiScalar, TableScalar};

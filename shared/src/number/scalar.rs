@@ -3,7 +3,8 @@
 //! - [`Scalar`] is what the control tick computes with: `f32`, `f64` and
 //!   [`Fixed`](crate::number::fixed::Fixed). No roots, no transcendental function and no
 //!   division, so that a tick costs no library call on a core with the number type's
-//!   arithmetic.
+//!   arithmetic. [`SiScalar`] adds what the host converts with, [`TableScalar`] how a table
+//!   is read.
 //! - [`Real`] is what the model, planning and simulation compute with, in
 //!   floating point. Its functions come from the `libm` crate and not from the
 //!   platform, so a result is the same on every host.
@@ -31,7 +32,7 @@ use core::fmt::Debug;
 use core::ops::Add;
 use serde::{Serialize, de::DeserializeOwned};
 
-/// A constant of the source in every number type, prepared by the compiler.
+/// A compile-time constant: its value in f64 and the nearest fixed-point fraction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Constant {
     /// The value.
@@ -65,64 +66,39 @@ impl Constant {
     }
 }
 
-/// What the control tick computes with.
+/// What the control tick computes with: arithmetic alone.
 ///
 /// `PartialOrd` compares numbers of one format. Arithmetic that names a counter saturates
 /// in fixed point and adds 1 to the counter when it does; in floating point it is plain.
 pub trait Scalar:
     Copy + PartialOrd + Debug + Default + Send + Sync + Serialize + DeserializeOwned + 'static
 {
-    /// Where a signal's binary point is; nothing in floating point.
-    type Format: Copy + Debug + Default + PartialEq + Send + Sync + Serialize + DeserializeOwned;
-    /// A constant that takes a signal of one format into another.
+    /// Constant factor that takes a signal of one format into another.
     type Gain: Copy + Debug + PartialEq + Send + Sync + Serialize + DeserializeOwned;
-    /// A constant from 0 to below 1 for [`weighted`](Self::weighted).
-    type Weight: Copy + Debug + PartialEq + Send + Sync + Serialize + DeserializeOwned;
-    /// Where the binary point of two signals' product goes.
+    /// Coefficient of a filter, from 0 to below 1, for [`times_alpha`](Self::times_alpha).
+    type Alpha: Copy + Debug + PartialEq + Send + Sync + Serialize + DeserializeOwned;
+    /// Left shift that brings the product of formats a and b into format c.
     type Shift: Copy + Debug + PartialEq + Send + Sync + Serialize + DeserializeOwned;
-    /// A constant that takes an angle into the sine's argument.
-    type Turn: Copy + Debug + PartialEq + Send + Sync + Serialize + DeserializeOwned;
-    /// Sum of weighted signals, wide enough not to round.
+    /// Factor from the angle's format to half-turns.
+    type AngleScale: Copy + Debug + PartialEq + Send + Sync + Serialize + DeserializeOwned;
+    /// Memory of a filter or an integral: products with a coefficient are added to it
+    /// without rounding.
     type Sum: Copy + Debug + Default + PartialOrd + Send + Sync;
     /// Counter of saturations; nothing in floating point.
-    type Count: Copy + Debug + Default + PartialEq + Send + Sync;
-    /// How a table column's integers become the column's signal.
-    type Quantum: Copy + Debug + Default + PartialEq + Send + Sync;
-    /// 1 divided by a positive integer.
-    type Reciprocal: Copy + Debug + PartialEq + Send + Sync;
+    type SaturationCount: Copy + Debug + Default + PartialEq + Send + Sync;
 
     /// 0.
     const ZERO: Self;
-    /// Format of [`crate::number::sine::sin`]'s result.
-    const SINE: Self::Format;
 
-    /// The nearest number to `value`, in the signal's unit; saturates in fixed point. For
-    /// configuration, not for the tick.
-    fn from_si(value: f64, format: Self::Format) -> Self;
-    /// The number in the signal's unit. For logs and tests.
-    fn to_si(self, format: Self::Format) -> f64;
     /// The constant.
     fn constant(constant: Constant) -> Self;
 
-    /// The constant `value` that takes a signal of format `from` into `to`.
-    fn gain(value: f64, from: Self::Format, to: Self::Format) -> Self::Gain;
-    /// What the gain is after rounding.
-    fn gain_value(gain: Self::Gain, from: Self::Format, to: Self::Format) -> f64;
-    /// The weight nearest to `value`, at least 0 and below 1.
-    fn weight(value: f64) -> Self::Weight;
-    /// What the weight is after rounding.
-    fn weight_value(weight: Self::Weight) -> f64;
-    /// What takes the product of a signal of format `a` and one of `b` into format `to`.
-    fn shift(a: Self::Format, b: Self::Format, to: Self::Format) -> Self::Shift;
-    /// What takes an angle of this format into the sine's argument.
-    fn turn(format: Self::Format) -> Self::Turn;
-
     /// Sum; saturates.
     #[must_use]
-    fn plus(self, other: Self, count: &mut Self::Count) -> Self;
+    fn plus(self, other: Self, count: &mut Self::SaturationCount) -> Self;
     /// Difference; saturates.
     #[must_use]
-    fn minus(self, other: Self, count: &mut Self::Count) -> Self;
+    fn minus(self, other: Self, count: &mut Self::SaturationCount) -> Self;
     /// Sum that is known to stay in range.
     #[must_use]
     fn plus_in_range(self, other: Self) -> Self;
@@ -137,10 +113,10 @@ pub trait Scalar:
     fn half(self) -> Self;
     /// Times a constant; saturates.
     #[must_use]
-    fn scaled(self, gain: Self::Gain, count: &mut Self::Count) -> Self;
+    fn scaled(self, gain: Self::Gain, count: &mut Self::SaturationCount) -> Self;
     /// Times another signal; saturates.
     #[must_use]
-    fn times(self, other: Self, shift: Self::Shift, count: &mut Self::Count) -> Self;
+    fn times(self, other: Self, shift: Self::Shift, count: &mut Self::SaturationCount) -> Self;
     /// Times another number, known to stay in range. The result's exponent is the sum of
     /// the factors' plus 1 less `UP`.
     #[must_use]
@@ -150,34 +126,22 @@ pub trait Scalar:
     fn sum(self) -> Self::Sum;
     /// The sum, rounded down to the number's format.
     fn of_sum(sum: Self::Sum) -> Self;
-    /// The exact product with a weight.
-    fn weighted(self, weight: Self::Weight) -> Self::Sum;
+    /// The exact product with a filter's coefficient.
+    fn times_alpha(self, alpha: Self::Alpha) -> Self::Sum;
     /// The sum of two; saturates at the number's range.
     #[must_use]
-    fn accumulated(sum: Self::Sum, more: Self::Sum, count: &mut Self::Count) -> Self::Sum;
+    fn accumulated(sum: Self::Sum, more: Self::Sum, count: &mut Self::SaturationCount)
+    -> Self::Sum;
 
     /// An angle in [-pi/2, pi/2] with the sine of this one: radians, in the format of
     /// exponent 1.
     #[must_use]
-    fn reduced(self, turn: Self::Turn) -> Self;
-
-    /// How integers that are values times 2^`scaling` become a signal of `format`; `None`
-    /// if they do not fit.
-    fn quantum(scaling: i8, format: Self::Format) -> Option<Self::Quantum>;
-    /// A table's integer, of magnitude up to [`crate::table::RAW_MAX`], as a knot.
-    fn knot(raw: i32, quantum: Self::Quantum) -> Self;
-    /// What a spline through knots gives, as the column's signal.
-    #[must_use]
-    fn spline_signal(self, quantum: Self::Quantum) -> Self;
-    /// 1 / `value`, for 1 to 2^24.
-    fn reciprocal_of(value: u32) -> Self::Reciprocal;
-    /// `part` times a reciprocal, for a part up to the integer that it is the reciprocal of:
-    /// a fraction in the format of exponent 0.
-    fn fraction(part: u32, reciprocal: Self::Reciprocal) -> Self;
+    fn reduced(self, angle_scale: Self::AngleScale) -> Self;
 
     /// True when none of `values` is NaN or infinite.
     fn all_finite<const N: usize>(values: [Self; N]) -> bool;
-    /// True when the magnitude is below a positive limit; false for NaN and the infinities.
+    /// True when the magnitude is below a limit, which is not negative; false for NaN and
+    /// the infinities.
     fn is_within(self, limit: Self) -> bool;
 
     /// The larger of two; `self` if they do not compare.
@@ -195,56 +159,72 @@ pub trait Scalar:
     }
 }
 
+/// A [`Scalar`] and the SI values that it stands for: what prepares coefficients and
+/// converts signals, on the host or once at start. A tick calls none of it.
+pub trait SiScalar: Scalar {
+    /// Where a signal's binary point is; nothing in floating point.
+    type Format: Copy + Debug + Default + PartialEq + Send + Sync + Serialize + DeserializeOwned;
+
+    /// Format of [`crate::number::sine::sin`]'s result.
+    const SINE: Self::Format;
+
+    /// The nearest number to `value`, in the signal's unit; saturates in fixed point.
+    fn from_si(value: f64, format: Self::Format) -> Self;
+    /// The number in the signal's unit.
+    fn to_si(self, format: Self::Format) -> f64;
+
+    /// The constant `value` that takes a signal of format `from` into `to`.
+    fn gain(value: f64, from: Self::Format, to: Self::Format) -> Self::Gain;
+    /// What the gain is after rounding.
+    fn gain_value(gain: Self::Gain, from: Self::Format, to: Self::Format) -> f64;
+    /// The filter coefficient nearest to `value`, at least 0 and below 1.
+    fn alpha(value: f64) -> Self::Alpha;
+    /// What the coefficient is after rounding.
+    fn alpha_value(alpha: Self::Alpha) -> f64;
+    /// What takes the product of a signal of format `a` and one of `b` into format `to`.
+    fn shift(a: Self::Format, b: Self::Format, to: Self::Format) -> Self::Shift;
+    /// What takes an angle of this format to half-turns.
+    fn angle_scale(format: Self::Format) -> Self::AngleScale;
+}
+
+/// A [`Scalar`] that is read from a table's columns of integers.
+pub trait TableScalar: SiScalar {
+    /// How a table column's integers become the column's signal.
+    type ColumnScale: Copy + Debug + Default + PartialEq + Send + Sync;
+    /// 1 divided by a positive integer.
+    type Reciprocal: Copy + Debug + PartialEq + Send + Sync;
+
+    /// How integers that are values times 2^`scaling` become a signal of `format`; `None`
+    /// if they do not fit.
+    fn column_scale(scaling: i8, format: Self::Format) -> Option<Self::ColumnScale>;
+    /// A table's integer, of magnitude up to [`crate::table::RAW_MAX`], as a control point
+    /// of the column's spline.
+    fn control_point(raw: i32, column_scale: Self::ColumnScale) -> Self;
+    /// The column's signal from the spline's value: what goes through its control points.
+    fn from_spline(value: Self, column_scale: Self::ColumnScale) -> Self;
+    /// 1 / `value`, for 1 to 2^24.
+    fn reciprocal_of(value: u32) -> Self::Reciprocal;
+    /// `part` times a reciprocal, for a part up to the integer that it is the reciprocal of:
+    /// a fraction in the format of exponent 0.
+    fn fraction(part: u32, reciprocal: Self::Reciprocal) -> Self;
+}
+
 macro_rules! float {
     ($float:ident) => {
         impl Scalar for $float {
-            type Format = ();
             type Gain = Self;
-            type Weight = Self;
+            type Alpha = Self;
             type Shift = ();
-            type Turn = ();
+            type AngleScale = ();
             type Sum = Self;
-            type Count = ();
-            type Quantum = Self;
-            type Reciprocal = Self;
+            type SaturationCount = ();
 
             const ZERO: Self = 0.0;
-            const SINE: () = ();
-
-            #[inline]
-            fn from_si(value: f64, (): ()) -> Self {
-                <Self as Real>::from_f64(value)
-            }
-
-            #[inline]
-            fn to_si(self, (): ()) -> f64 {
-                <Self as Real>::to_f64(self)
-            }
 
             #[inline]
             fn constant(constant: Constant) -> Self {
                 <Self as Real>::from_f64(constant.value)
             }
-
-            fn gain(value: f64, (): (), (): ()) -> Self {
-                <Self as Real>::from_f64(value)
-            }
-
-            fn gain_value(gain: Self, (): (), (): ()) -> f64 {
-                <Self as Real>::to_f64(gain)
-            }
-
-            fn weight(value: f64) -> Self {
-                <Self as Real>::from_f64(value)
-            }
-
-            fn weight_value(weight: Self) -> f64 {
-                <Self as Real>::to_f64(weight)
-            }
-
-            fn shift((): (), (): (), (): ()) {}
-
-            fn turn((): ()) {}
 
             #[inline]
             fn plus(self, other: Self, (): &mut ()) -> Self {
@@ -302,8 +282,8 @@ macro_rules! float {
             }
 
             #[inline]
-            fn weighted(self, weight: Self) -> Self {
-                self * weight
+            fn times_alpha(self, alpha: Self) -> Self {
+                self * alpha
             }
 
             #[inline]
@@ -328,35 +308,6 @@ macro_rules! float {
                 Self::from_bits(bits & !(1 << (SIGN - 1)))
             }
 
-            #[inline]
-            fn quantum(scaling: i8, (): ()) -> Option<Self> {
-                Some(<Self as Real>::from_f64(libm::ldexp(
-                    1.0,
-                    -i32::from(scaling),
-                )))
-            }
-
-            #[inline]
-            fn knot(raw: i32, quantum: Self) -> Self {
-                // A power of two, so nothing is lost.
-                <Self as Real>::from_i32(raw) * quantum
-            }
-
-            #[inline]
-            fn spline_signal(self, _quantum: Self) -> Self {
-                self
-            }
-
-            #[inline]
-            fn reciprocal_of(value: u32) -> Self {
-                <Self as Real>::reciprocal_of(value)
-            }
-
-            #[inline]
-            fn fraction(part: u32, reciprocal: Self) -> Self {
-                <Self as Real>::from_i32(part.cast_signed()) * reciprocal
-            }
-
             // Zero times such a value is NaN, and so is the sum: one comparison for all.
             #[inline]
             fn all_finite<const N: usize>(values: [Self; N]) -> bool {
@@ -367,6 +318,75 @@ macro_rules! float {
             #[inline]
             fn is_within(self, limit: Self) -> bool {
                 self.abs() < limit
+            }
+        }
+
+        impl SiScalar for $float {
+            type Format = ();
+            const SINE: () = ();
+
+            #[inline]
+            fn from_si(value: f64, (): ()) -> Self {
+                <Self as Real>::from_f64(value)
+            }
+
+            #[inline]
+            fn to_si(self, (): ()) -> f64 {
+                <Self as Real>::to_f64(self)
+            }
+
+            fn gain(value: f64, (): (), (): ()) -> Self {
+                <Self as Real>::from_f64(value)
+            }
+
+            fn gain_value(gain: Self, (): (), (): ()) -> f64 {
+                <Self as Real>::to_f64(gain)
+            }
+
+            fn alpha(value: f64) -> Self {
+                <Self as Real>::from_f64(value)
+            }
+
+            fn alpha_value(alpha: Self) -> f64 {
+                <Self as Real>::to_f64(alpha)
+            }
+
+            fn shift((): (), (): (), (): ()) {}
+
+            fn angle_scale((): ()) {}
+        }
+
+        impl TableScalar for $float {
+            type ColumnScale = Self;
+            type Reciprocal = Self;
+
+            #[inline]
+            fn column_scale(scaling: i8, (): ()) -> Option<Self> {
+                Some(<Self as Real>::from_f64(libm::ldexp(
+                    1.0,
+                    -i32::from(scaling),
+                )))
+            }
+
+            #[inline]
+            fn control_point(raw: i32, column_scale: Self) -> Self {
+                // A power of two, so nothing is lost.
+                <Self as Real>::from_i32(raw) * column_scale
+            }
+
+            #[inline]
+            fn from_spline(value: Self, _: Self) -> Self {
+                value
+            }
+
+            #[inline]
+            fn reciprocal_of(value: u32) -> Self {
+                <Self as Real>::reciprocal_of(value)
+            }
+
+            #[inline]
+            fn fraction(part: u32, reciprocal: Self) -> Self {
+                <Self as Real>::from_i32(part.cast_signed()) * reciprocal
             }
         }
     };

@@ -32,12 +32,12 @@ const COEFFICIENTS: [Constant; 4] = [
     Constant::new(2.600_054_793_371_227e-6, EXPONENT),
 ];
 
-/// Sine of an angle in radians, in the format [`Scalar::SINE`]; `turn` is that of the
+/// Sine of an angle in radians, in the format [`Scalar::SINE`]; `angle_scale` is that of the
 /// angle's format. NaN and the infinities give no sensible value, but one within [-1, 1]
 /// (the controller refuses both before they get here).
 #[inline]
-pub fn sin<T: Scalar>(angle: T, turn: T::Turn) -> T {
-    let x = angle.reduced(turn); // up to pi/2: exponent 1
+pub fn sin<T: Scalar>(angle: T, angle_scale: T::AngleScale) -> T {
+    let x = angle.reduced(angle_scale); // up to pi/2: exponent 1
     let square = x.times_in_range::<1>(x); // up to 2.47: exponent 2
     let [c3, c5, c7, c9] = COEFFICIENTS.map(T::constant);
     let mut sum = c9.times_in_range::<3>(square).plus_in_range(c7);
@@ -51,9 +51,10 @@ pub fn sin<T: Scalar>(angle: T, turn: T::Turn) -> T {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::number::SiScalar;
 
     /// Scans `count` arguments over +-`range` and returns the largest error.
-    fn largest_error<T: Scalar<Format = (), Turn = ()>>(range: f64, count: i32) -> f64 {
+    fn largest_error<T: SiScalar<Format = (), AngleScale = ()>>(range: f64, count: i32) -> f64 {
         let mut worst = 0.0_f64;
         for i in -count..=count {
             let x = T::from_si(range * f64::from(i) / f64::from(count), ());

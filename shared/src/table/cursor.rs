@@ -1,7 +1,7 @@
 //! Streams a table: one [`Setpoint`] a tick, in bounded time and memory.
 
 use super::format::{PIECE_BYTES, Piece, ROW_BYTES, Table};
-use crate::number::{Constant, Scalar};
+use crate::number::{Constant, Scalar, TableScalar};
 use crate::signals::{COLUMNS, Reference, Setpoint};
 
 /// Table columns of the values that the control law reads.
@@ -9,12 +9,12 @@ const SETPOINT: Setpoint<usize> = Reference::from_columns([0, 1, 2, 3, 4, 5, 6, 
 
 /// Streams a table: one [`Setpoint`] a tick, in bounded time and memory.
 #[derive(Clone, Debug)]
-pub struct Cursor<'a, T: Scalar> {
+pub struct Cursor<'a, T: TableScalar> {
     /// The pieces after the current one.
     pieces: &'a [[u8; PIECE_BYTES]],
     /// Rows from the current segment on.
     rows: &'a [[u8; ROW_BYTES]],
-    quantum: [T::Quantum; COLUMNS],
+    column_scale: [T::ColumnScale; COLUMNS],
     ticks: u32,
     tick: u32,
     piece: Piece,
@@ -31,35 +31,38 @@ pub struct Cursor<'a, T: Scalar> {
 
 impl<'a> Table<'a> {
     /// A cursor at tick 0, in floating point.
-    pub fn cursor<T: Scalar<Format = ()>>(&self) -> Cursor<'a, T> {
-        let mut quantum = [T::Quantum::default(); COLUMNS];
-        for (quantum, scaling) in quantum.iter_mut().zip(self.header.scaling) {
+    pub fn cursor<T: TableScalar<Format = ()>>(&self) -> Cursor<'a, T> {
+        let mut column_scale = [T::ColumnScale::default(); COLUMNS];
+        for (column_scale, scaling) in column_scale.iter_mut().zip(self.header.scaling) {
             // Every scaling fits floating point.
-            *quantum = T::quantum(scaling, ()).unwrap_or_default();
+            *column_scale = T::column_scale(scaling, ()).unwrap_or_default();
         }
-        self.cursor_with(quantum)
+        self.cursor_with(column_scale)
     }
 
     /// A cursor at tick 0 that gives each column in its format.
     ///
     /// # Errors
     /// The number of a column whose values may not fit its format.
-    pub fn cursor_in<T: Scalar>(
+    pub fn cursor_in<T: TableScalar>(
         &self,
         formats: &Reference<T::Format>,
     ) -> Result<Cursor<'a, T>, usize> {
-        let mut quantum = [T::Quantum::default(); COLUMNS];
+        let mut column_scale = [T::ColumnScale::default(); COLUMNS];
         for (i, format) in formats.columns().into_iter().enumerate() {
-            quantum[i] = T::quantum(self.header.scaling[i], format).ok_or(i)?;
+            column_scale[i] = T::column_scale(self.header.scaling[i], format).ok_or(i)?;
         }
-        Ok(self.cursor_with(quantum))
+        Ok(self.cursor_with(column_scale))
     }
 
-    fn cursor_with<T: Scalar>(&self, quantum: [T::Quantum; COLUMNS]) -> Cursor<'a, T> {
+    fn cursor_with<T: TableScalar>(
+        &self,
+        column_scale: [T::ColumnScale; COLUMNS],
+    ) -> Cursor<'a, T> {
         let mut cursor = Cursor {
             pieces: &[],
             rows: &[],
-            quantum,
+            column_scale,
             ticks: 0,
             tick: 0,
             piece: Piece {
@@ -76,7 +79,7 @@ impl<'a> Table<'a> {
     }
 }
 
-impl<'a, T: Scalar> Cursor<'a, T> {
+impl<'a, T: TableScalar> Cursor<'a, T> {
     /// Goes to the first tick of the table that the cursor was made from.
     pub(crate) fn restart(&mut self, table: &Table<'a>) {
         self.pieces = table.pieces;
@@ -113,7 +116,7 @@ impl<'a, T: Scalar> Cursor<'a, T> {
     fn load(&mut self) {
         // open() has made sure that every piece has its rows, so there are four here.
         if let Some(rows) = self.rows.first_chunk() {
-            let cubic = |column: usize| Cubic::of(rows, column, self.quantum[column]);
+            let cubic = |column: usize| Cubic::of(rows, column, self.column_scale[column]);
             self.segment.torque[0] = cubic(SETPOINT.torque[0]);
             self.segment.torque[1] = cubic(SETPOINT.torque[1]);
             self.segment.force = cubic(SETPOINT.force);
@@ -159,8 +162,9 @@ impl<'a, T: Scalar> Cursor<'a, T> {
     #[inline]
     pub fn setpoint(&self) -> Setpoint<T> {
         let u = T::fraction(self.phase, self.phase_unit);
-        let value =
-            |cubic: &Cubic<T>, column: usize| cubic.at(u).spline_signal(self.quantum[column]);
+        let value = |cubic: &Cubic<T>, column: usize| {
+            T::from_spline(cubic.at(u), self.column_scale[column])
+        };
         let segment = &self.segment;
         Setpoint {
             torque: [0, 1].map(|joint| value(&segment.torque[joint], SETPOINT.torque[joint])),
@@ -178,10 +182,8 @@ impl<'a, T: Scalar> Cursor<'a, T> {
         };
         let u = T::fraction(self.phase, self.phase_unit);
         Reference::from_columns(core::array::from_fn(|column| {
-            let quantum = self.quantum[column];
-            Cubic::of(rows, column, quantum)
-                .at(u)
-                .spline_signal(quantum)
+            let column_scale = self.column_scale[column];
+            T::from_spline(Cubic::of(rows, column, column_scale).at(u), column_scale)
         }))
     }
 }
@@ -190,18 +192,20 @@ impl<'a, T: Scalar> Cursor<'a, T> {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Cubic<T>([T; 4]);
 
-impl<T: Scalar> Cubic<T> {
+impl<T: TableScalar> Cubic<T> {
     /// A column in the segment that begins with the first of these rows.
     #[inline]
-    fn of(rows: &[[u8; ROW_BYTES]; 4], column: usize, quantum: T::Quantum) -> Self {
+    fn of(rows: &[[u8; ROW_BYTES]; 4], column: usize, column_scale: T::ColumnScale) -> Self {
         Self::through(rows.each_ref().map(|row| {
             let (words, _) = row.as_chunks::<4>();
             let raw = words.get(column).copied().unwrap_or_default();
-            T::knot(i32::from_le_bytes(raw), quantum)
+            T::control_point(i32::from_le_bytes(raw), column_scale)
         }))
     }
+}
 
-    /// The uniform cubic B-spline's segment with four knots. With knots up to K in
+impl<T: Scalar> Cubic<T> {
+    /// The uniform cubic B-spline's segment with four control points. With control points up to K in
     /// magnitude no intermediate value, here or in [`at`](Self::at), exceeds 4.4 K.
     #[inline]
     fn through([a, b, c, d]: [T; 4]) -> Self {
@@ -255,15 +259,15 @@ mod tests {
             ];
             let exact: f64 = basis.iter().zip(raw).map(|(b, k)| b * f64::from(k)).sum();
             let exact = exact / f64::from(RAW_MAX);
-            fn read<T: Scalar>(raw: [i32; 4], part: u32, format: T::Format) -> f64 {
-                let quantum = T::quantum(30, format).unwrap();
-                let cubic = Cubic::through(raw.map(|k| T::knot(k, quantum)));
+            fn read<T: TableScalar>(raw: [i32; 4], part: u32, format: T::Format) -> f64 {
+                let column_scale = T::column_scale(30, format).unwrap();
+                let cubic = Cubic::through(raw.map(|k| T::control_point(k, column_scale)));
                 let u = T::fraction(part, T::reciprocal_of(1000));
-                cubic.at(u).spline_signal(quantum).to_si(format)
+                T::from_spline(cubic.at(u), column_scale).to_si(format)
             }
             prop_assert!((read::<f64>(raw, part, ()) - exact).abs() < 1e-14);
             prop_assert!((read::<f32>(raw, part, ()) - exact).abs() < 1e-6);
-            // 16 units of the knots' 2^-28 and, of coarser formats, one of their own.
+            // 16 units of the control points' 2^-28 and, of coarser formats, one of their own.
             for exponent in [1, 2, 3, 6] {
                 let format = Exponent(exponent);
                 let error = read::<Fixed>(raw, part, format) - exact;

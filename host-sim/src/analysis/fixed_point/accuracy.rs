@@ -20,7 +20,7 @@ use crate::planner::plan::Plan;
 use crate::simulation::closed_loop;
 use crate::simulation::closed_loop::{Run, RunError, RunOptions};
 use flexor::control::{Coefficients, Command, Controller, LawParameters, LimitParameters};
-use flexor::number::Scalar;
+use flexor::number::TableScalar;
 use flexor::number::fixed::{Exponent, Fixed};
 use flexor::signals::{Formats, Measurement, Saturation, SaturationCounts};
 use flexor::table::Table;
@@ -166,7 +166,7 @@ pub fn ends(formats: &Formats<Exponent>) -> Measurement<f64> {
     }
 }
 
-fn float_coefficients<T: Scalar<Format = ()>>(
+fn float_coefficients<T: TableScalar<Format = ()>>(
     plan: &Plan,
     law: &LawParameters,
     limits: &LimitParameters,
@@ -247,11 +247,11 @@ impl Tally {
 
 /// Runs two controllers on the same measurements, rounded to `T` first; both start again
 /// at the table's end. Counts what saturates in the first.
-fn side_by_side<T: Scalar, R: Scalar>(
+fn side_by_side<T: TableScalar, R: TableScalar>(
     table: &Table,
     coefficients: &Coefficients<T>,
     reference: &Coefficients<R>,
-    total: impl Fn(&SaturationCounts<T::Count>) -> u32,
+    total: impl Fn(&SaturationCounts<T::SaturationCount>) -> u32,
     measurements: impl Iterator<Item = Measurement<f64>>,
 ) -> Result<Errors, RunError> {
     let mut controller = Controller::with(table, coefficients)?;

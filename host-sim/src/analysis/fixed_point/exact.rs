@@ -3,7 +3,7 @@
 //! also when signals saturate.
 
 use flexor::number::fixed::{Exponent, Fixed};
-use flexor::number::{Constant, Scalar};
+use flexor::number::{Constant, Scalar, SiScalar, TableScalar};
 use serde::{Deserialize, Serialize};
 
 /// A fraction of its format's range, not rounded, but held within [-1, 1].
@@ -20,55 +20,19 @@ fn held(value: f64, count: &mut u32) -> f64 {
 }
 
 impl Scalar for Exact {
-    type Format = Exponent;
     type Gain = f64;
-    type Weight = f64;
+    type Alpha = f64;
     type Shift = f64;
-    type Turn = f64;
+    type AngleScale = f64;
     type Sum = f64;
-    type Count = u32;
-    type Quantum = f64;
-    type Reciprocal = f64;
+    type SaturationCount = u32;
 
     const ZERO: Self = Self(0.0);
-    const SINE: Exponent = Fixed::SINE;
-
-    fn from_si(value: f64, format: Exponent) -> Self {
-        Self((value / format.range()).clamp(-1.0, 1.0))
-    }
-
-    fn to_si(self, format: Exponent) -> f64 {
-        self.0 * format.range()
-    }
 
     fn constant(constant: Constant) -> Self {
         // The exponent is in the bits.
         let ratio = f64::from(constant.bits) / 2_147_483_648.0 / constant.value;
         Self(constant.value * 2f64.powf(ratio.log2().round()))
-    }
-
-    fn gain(value: f64, from: Exponent, to: Exponent) -> f64 {
-        value * from.range() / to.range()
-    }
-
-    fn gain_value(gain: f64, from: Exponent, to: Exponent) -> f64 {
-        gain * to.range() / from.range()
-    }
-
-    fn weight(value: f64) -> f64 {
-        value
-    }
-
-    fn weight_value(weight: f64) -> f64 {
-        weight
-    }
-
-    fn shift(a: Exponent, b: Exponent, to: Exponent) -> f64 {
-        a.range() * b.range() / to.range()
-    }
-
-    fn turn(format: Exponent) -> f64 {
-        format.range()
     }
 
     fn plus(self, other: Self, count: &mut u32) -> Self {
@@ -115,36 +79,16 @@ impl Scalar for Exact {
         Self(sum)
     }
 
-    fn weighted(self, weight: f64) -> f64 {
-        self.0 * weight
+    fn times_alpha(self, alpha: f64) -> f64 {
+        self.0 * alpha
     }
 
     fn accumulated(sum: f64, more: f64, count: &mut u32) -> f64 {
         held(sum + more, count)
     }
 
-    fn reduced(self, turn: f64) -> Self {
-        Self(0.5 * Scalar::reduced(self.0 * turn, ()))
-    }
-
-    fn quantum(scaling: i8, format: Exponent) -> Option<f64> {
-        Fixed::quantum(scaling, format).map(|_| 2f64.powi(-i32::from(scaling)) / format.range())
-    }
-
-    fn knot(raw: i32, quantum: f64) -> Self {
-        Self(f64::from(raw) * quantum)
-    }
-
-    fn spline_signal(self, _quantum: f64) -> Self {
-        self
-    }
-
-    fn reciprocal_of(value: u32) -> f64 {
-        1.0 / f64::from(value)
-    }
-
-    fn fraction(part: u32, reciprocal: f64) -> Self {
-        Self(f64::from(part) * reciprocal)
+    fn reduced(self, angle_scale: f64) -> Self {
+        Self(0.5 * Scalar::reduced(self.0 * angle_scale, ()))
     }
 
     fn all_finite<const N: usize>(values: [Self; N]) -> bool {
@@ -153,5 +97,68 @@ impl Scalar for Exact {
 
     fn is_within(self, limit: Self) -> bool {
         self.0.abs() < limit.0
+    }
+}
+
+impl SiScalar for Exact {
+    type Format = Exponent;
+    const SINE: Exponent = Fixed::SINE;
+
+    fn from_si(value: f64, format: Exponent) -> Self {
+        Self((value / format.range()).clamp(-1.0, 1.0))
+    }
+
+    fn to_si(self, format: Exponent) -> f64 {
+        self.0 * format.range()
+    }
+
+    fn gain(value: f64, from: Exponent, to: Exponent) -> f64 {
+        value * from.range() / to.range()
+    }
+
+    fn gain_value(gain: f64, from: Exponent, to: Exponent) -> f64 {
+        gain * to.range() / from.range()
+    }
+
+    fn alpha(value: f64) -> f64 {
+        value
+    }
+
+    fn alpha_value(alpha: f64) -> f64 {
+        alpha
+    }
+
+    fn shift(a: Exponent, b: Exponent, to: Exponent) -> f64 {
+        a.range() * b.range() / to.range()
+    }
+
+    fn angle_scale(format: Exponent) -> f64 {
+        format.range()
+    }
+}
+
+impl TableScalar for Exact {
+    type ColumnScale = f64;
+    type Reciprocal = f64;
+
+    fn column_scale(scaling: i8, format: Exponent) -> Option<f64> {
+        Fixed::column_scale(scaling, format)
+            .map(|_| 2f64.powi(-i32::from(scaling)) / format.range())
+    }
+
+    fn control_point(raw: i32, column_scale: f64) -> Self {
+        Self(f64::from(raw) * column_scale)
+    }
+
+    fn from_spline(value: Self, _: f64) -> Self {
+        value
+    }
+
+    fn reciprocal_of(value: u32) -> f64 {
+        1.0 / f64::from(value)
+    }
+
+    fn fraction(part: u32, reciprocal: f64) -> Self {
+        Self(f64::from(part) * reciprocal)
     }
 }

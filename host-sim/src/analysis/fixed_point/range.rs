@@ -10,13 +10,13 @@
 //! | signal | admissible | format holds |
 //! |---|---|---|
 //! | torque | the limit; the plan where that is more | twice that: a torque that saturates lies beyond the limit by as much again |
-//! | force | planned, and what a drive from its planned torque to its limit presses with where its lever is longest | twice that (the filter sees differences of errors) |
+//! | force | planned, and what a drive from its planned torque to its limit presses with where its moment arm is longest | twice that (the filter sees differences of errors) |
 //! | angle | half a turn around the plan | the same, from the surface normal |
 //! | root slope | a quarter turn | the same |
 //! | root slope rate | planned and what K_w answers with twice limit and plan of joint 2, at least 10 rad/s | twice that |
-//! | lever | r1 + r2 | the same |
+//! | moment arm | r1 + r2 | the same |
 //!
-//! The force's range is raised further if products of lever and force would otherwise not
+//! The force's range is raised further if products of moment arm and force would otherwise not
 //! reach the torque's range.
 //!
 //! **Error.** [`Analysis::torque_error`] bounds how far a tick's torque is from that of
@@ -26,7 +26,7 @@
 use crate::planner::plan::Plan;
 use crate::text::{Shortest, four_digits};
 use flexor::control::{Coefficients, LawParameters, LimitParameters, Mismatch};
-use flexor::number::Scalar;
+use flexor::number::SiScalar;
 use flexor::number::fixed::{Exponent, Fixed};
 use flexor::signals::{Formats, Measurement};
 use flexor::table::{Header, Table};
@@ -128,7 +128,7 @@ pub fn analyse(
         angle,
         root_slope,
         slope_rate,
-        lever,
+        moment_arm,
     ] = signals.map(|s| s.exponent);
     let formats = Formats {
         torque: [torque1, torque2],
@@ -136,7 +136,7 @@ pub fn analyse(
         angle,
         root_slope,
         slope_rate,
-        lever,
+        moment_arm,
     };
     let arm = &plan.model.arm;
     let rate = header.tick_rate_hz;
@@ -184,7 +184,7 @@ const FORCE: usize = 2;
 const ANGLE: usize = 3;
 const ROOT_SLOPE: usize = 4;
 const SLOPE_RATE: usize = 5;
-const LEVER: usize = 6;
+const MOMENT_ARM: usize = 6;
 
 /// Ranges and formats of all signals.
 fn signals(
@@ -199,14 +199,14 @@ fn signals(
         plan.points.iter().map(|p| f(p).abs()).fold(0.0, f64::max)
     };
     let torque = [0, 1].map(|i| limits.torque_nm[i].max(plan.peaks.torque[i]));
-    let lever2 = |p: &crate::planner::plan::PlanPoint| {
+    let moment_arm2 = |p: &crate::planner::plan::PlanPoint| {
         arm.link2_length_m * (normal - p.joint.angle[1]).sin()
     };
-    let lever1 = |p: &crate::planner::plan::PlanPoint| {
-        arm.link1_length_m * (normal - p.joint.angle[0]).sin() + lever2(p)
+    let moment_arm1 = |p: &crate::planner::plan::PlanPoint| {
+        arm.link1_length_m * (normal - p.joint.angle[0]).sin() + moment_arm2(p)
     };
-    let levers = [largest(&lever1), largest(&lever2)];
-    let pressed = [0, 1].map(|i| (torque[i] + plan.peaks.torque[i]) / levers[i].max(1e-6));
+    let moment_arms = [largest(&moment_arm1), largest(&moment_arm2)];
+    let pressed = [0, 1].map(|i| (torque[i] + plan.peaks.torque[i]) / moment_arms[i].max(1e-6));
     let force = plan.task.normal_force.abs() + pressed[0].max(pressed[1]);
     let angle = largest(&|p| p.joint.angle[0].abs().max(p.joint.angle[1].abs())) + PI;
     let slope_rate = {
@@ -219,7 +219,7 @@ fn signals(
                 10.0
             }
     };
-    let lever = arm.link1_length_m + arm.link2_length_m;
+    let moment_arm = arm.link1_length_m + arm.link2_length_m;
 
     // A table's column may reach 2^30 of its integers.
     let columns = |first: usize, last: usize| {
@@ -229,10 +229,10 @@ fn signals(
         scaling.max().unwrap_or(0) as i8
     };
     let holding = |magnitude: f64, column: i8| Exponent(Exponent::holding(magnitude).0.max(column));
-    let lever_format = Exponent::holding(lever);
+    let moment_arm_format = Exponent::holding(moment_arm);
     let torque_format = [0, 1].map(|i| holding(2.0 * torque[i], columns(i, i)));
-    // Products of lever and force are shifted left, by none or more.
-    let reaching = torque_format.map(|t| t.0 - lever_format.0 - 1);
+    // Products of moment arm and force are shifted left, by none or more.
+    let reaching = torque_format.map(|t| t.0 - moment_arm_format.0 - 1);
     let force_format = holding(2.0 * force, columns(2, 2).max(reaching[0]).max(reaching[1]));
     let angle_format = holding(normal.abs() + angle, columns(3, 4).max(columns(7, 7)));
     let signal = |name, unit, admissible, exponent| Signal {
@@ -258,7 +258,7 @@ fn signals(
             slope_rate,
             holding(2.0 * slope_rate, columns(6, 6)),
         ),
-        signal("lever", "m", lever, lever_format),
+        signal("moment_arm", "m", moment_arm, moment_arm_format),
     ]
 }
 
@@ -266,17 +266,17 @@ fn signals(
 struct Errors {
     /// Of the force error.
     force: f64,
-    /// Of the correcting force.
-    correction: f64,
-    /// Of a lever.
-    lever: f64,
+    /// Of the force correction.
+    force_correction: f64,
+    /// Of a moment arm.
+    moment_arm: f64,
     /// Of the deviation of the slope rate.
     slope_rate: f64,
     /// Of the planned torques.
     planned: [f64; 2],
     /// Of a product's shift.
     product: [f64; 2],
-    /// Largest correcting force and lever.
+    /// Largest force correction and moment arm.
     largest: [f64; 2],
     /// K_w.
     slope_rate_gain: f64,
@@ -301,31 +301,39 @@ impl Errors {
         let rate = f64::from(header.tick_rate_hz);
         let force = spline(2, FORCE) + unit(FORCE);
         let (derivative, proportional) = (law.force_derivative_s * rate, law.force_proportional);
-        let correction = derivative.abs() * (2.0 * force + unit(FORCE))
+        let force_correction = derivative.abs() * (2.0 * force + unit(FORCE))
             + scaled(derivative, force_format, force_format)
             + proportional.abs() * (force + unit(FORCE))
             + scaled(proportional, force_format, force_format)
             + law.force_integral_per_s / rate * force
             + unit(FORCE);
         // Argument: table, the binary angle's unit; then the polynomial.
-        let turn = Fixed::turn(signals[ANGLE].exponent);
-        let angle = spline(7, ANGLE) + 2.0 * PI * ulp(i32::from(turn.up()) - 31);
+        let angle_scale = Fixed::angle_scale(signals[ANGLE].exponent);
+        let angle = spline(7, ANGLE) + 2.0 * PI * ulp(i32::from(angle_scale.up()) - 31);
         let arm = &plan.model.arm;
-        let lever = (arm.link1_length_m + arm.link2_length_m) * (angle + 4e-8)
-            + scaled(arm.link1_length_m, Fixed::SINE, signals[LEVER].exponent)
-            + scaled(arm.link2_length_m, Fixed::SINE, signals[LEVER].exponent);
+        let moment_arm = (arm.link1_length_m + arm.link2_length_m) * (angle + 4e-8)
+            + scaled(
+                arm.link1_length_m,
+                Fixed::SINE,
+                signals[MOMENT_ARM].exponent,
+            )
+            + scaled(
+                arm.link2_length_m,
+                Fixed::SINE,
+                signals[MOMENT_ARM].exponent,
+            );
         let slope_rate_gain = law.slope_rate_nms_rad.abs();
         let slope_rate = spline(6, SLOPE_RATE) + 2.0 * unit(SLOPE_RATE);
         let torque = [0, 1].map(|i| signals[i].exponent);
         let own = scaled(slope_rate_gain, signals[SLOPE_RATE].exponent, torque[1]);
         Self {
             force,
-            correction,
-            lever,
+            force_correction,
+            moment_arm,
             slope_rate: slope_rate + own / slope_rate_gain.max(1e-12),
             planned: [0, 1].map(|i| spline(i, i)),
             product: torque.map(|to| {
-                let up = Fixed::shift(signals[LEVER].exponent, force_format, to);
+                let up = Fixed::shift(signals[MOMENT_ARM].exponent, force_format, to);
                 ulp(i32::from(up)) * to.unit()
             }),
             largest: [
@@ -345,9 +353,9 @@ impl Errors {
         };
         [
             (joint, self.planned[joint]),
-            (FORCE, self.largest[1] * self.correction),
-            // What a lever's error does grows with the range of forces.
-            (FORCE, self.largest[0] * self.lever),
+            (FORCE, self.largest[1] * self.force_correction),
+            // What a moment arm's error does grows with the range of forces.
+            (FORCE, self.largest[0] * self.moment_arm),
             (FORCE, self.product[joint]),
             (SLOPE_RATE, slope_rate),
         ]

@@ -15,7 +15,7 @@
 //! bus or computation may be made, lets `u_(k-d)` act; `d` need not be whole.
 //!
 //! The law's part is not written down here a second time: it is
-//! [`flexor::control::Law::propose`] itself, which is affine in what it remembers and
+//! [`flexor::control::Law::update`] itself, which is affine in what it remembers and
 //! measures, evaluated on basis vectors.
 
 use super::linear::{FORCE, Linear, PlantVariant, SLOPE_RATE};
@@ -65,7 +65,7 @@ impl LinearLaw {
         // Without gains on it the law leaves its memory of the error alone.
         let remembers_error =
             parameters.force_derivative_s != 0.0 || parameters.force_proportional != 0.0;
-        // Everything zero but the angles gives zero: without a correction the levers'
+        // Everything zero but the angles gives zero: without a correction the moment arms'
         // dependence on the angles moves nothing.
         let respond = |memory: [f64; LAW_STATES], measured: [f64; 2]| {
             let mut state = LawState {
@@ -80,7 +80,7 @@ impl LinearLaw {
                 force: measured[0],
                 drive: [Saturation::None; 2],
             };
-            let proposal = law.propose(
+            let demand = law.update(
                 &mut state,
                 &setpoint,
                 &measurement,
@@ -91,7 +91,7 @@ impl LinearLaw {
                 state.integral,
                 state.filtered_slope_rate,
             ];
-            (remembered, proposal.torque)
+            (remembered, demand.torque)
         };
         let mut linear = Self {
             a: [[0.0; LAW_STATES]; LAW_STATES],
