@@ -28,14 +28,14 @@ mod identity {
 }
 
 /// Stopwatch counts that 1,000 `nop` instructions take, with no interrupt between.
-fn calibrate(stopwatch: &impl flexor::supervisor::Stopwatch) -> u32 {
-    let begun = stopwatch.counts();
+fn calibrate(board: &impl flexor::supervisor::Board) -> u32 {
+    let begun = board.stopwatch();
     // SAFETY: assembles to 1,000 nops and nothing else.
     unsafe { core::arch::asm!(".rept 1000", "nop", ".endr", options(nomem, nostack)) };
-    let counts = stopwatch.counts().wrapping_sub(begun);
+    let counts = board.stopwatch().wrapping_sub(begun);
     // Less what two readings of the stopwatch take by themselves.
-    let begun = stopwatch.counts();
-    counts.wrapping_sub(stopwatch.counts().wrapping_sub(begun))
+    let begun = board.stopwatch();
+    counts.wrapping_sub(board.stopwatch().wrapping_sub(begun))
 }
 
 #[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]
@@ -43,7 +43,7 @@ mod app {
     use crate::board::constants::{
         CALIBRATION, RECEIVE_QUEUE, SAFETY, TICK_RATE_HZ, TRANSMIT_QUEUE, WAKE_CYCLES,
     };
-    use crate::board::{Board, Serial, TickBoard, Watchdog};
+    use crate::board::{Peripherals, Serial, TickBoard, Watchdog};
     use crate::comms::Comms;
     use crate::{calibrate, comms, crash_record, log, stack};
     use cortex_m::peripheral::syst::SystClkSource;
@@ -80,11 +80,11 @@ mod app {
     fn init(context: init::Context) -> (Shared, Local) {
         stack::paint();
         let mut core = context.core;
-        let mut board = Board::new(context.device, &mut core.DCB, &mut core.DWT);
-        let start = crash_record::take(board.watchdog_reset);
-        let nops = calibrate(&board.tick.stopwatch);
-        let comms = Comms::new(&board.clocks, nops, start, context.local.prepared);
-        let mut watchdog = board.watchdog;
+        let mut peripherals = Peripherals::new(context.device, &mut core.DCB, &mut core.DWT);
+        let start = crash_record::take(peripherals.watchdog_reset);
+        let nops = calibrate(&peripherals.tick);
+        let comms = Comms::new(&peripherals.clocks, nops, start, context.local.prepared);
+        let mut watchdog = peripherals.watchdog;
         watchdog.start();
         let mut systick = core.SYST;
         systick.set_clock_source(SystClkSource::Core);
@@ -96,7 +96,7 @@ mod app {
         let (to_host, to_send) = context.local.transmit.split();
         let shared = Shared {
             supervisor: Supervisor::new(
-                &mut board.tick,
+                &mut peripherals.tick,
                 context.local.running,
                 &SAFETY,
                 &CALIBRATION,
@@ -105,8 +105,8 @@ mod app {
             bytes_lost: 0,
         };
         let local = Local {
-            board: board.tick,
-            serial: board.serial,
+            board: peripherals.tick,
+            serial: peripherals.serial,
             watchdog,
             comms,
             received,

@@ -6,14 +6,20 @@
 //! | `enabling` | when the drives may be enabled, and when they must not stay so |
 //! | `sensing` | from encoder and converter counts to a measurement |
 //! | `board` | what the tick needs from a board |
+//! | `memory_board` | a board that is values in memory, for tests and simulators |
 
 mod board;
 mod enabling;
+mod memory_board;
 mod sensing;
 #[allow(clippy::module_inception)]
 mod supervisor;
 
-pub use board::*;
-pub use enabling::*;
-pub use sensing::*;
-pub use supervisor::*;
+pub use board::{Board, DriveScale};
+pub use enabling::{
+    EnableInputs, FaultMonitor, InputHealth, SafetyLimits, check_enable, check_torque_bound,
+    select_table,
+};
+pub use memory_board::MemoryBoard;
+pub use sensing::{Calibration, Sensing};
+pub use supervisor::{ControllerSlot, Supervisor};

@@ -9,7 +9,7 @@ use crate::control::Controller;
 use crate::fault::Fault;
 use crate::link::{Interlocks, Mode, RawSample, Refusal, SensorReport, TickReply};
 use crate::signals::{Measurement, Saturation};
-use crate::supervisor::board::{Drives, Inputs, Sensors, Stopwatch, TickBoard, Timebase};
+use crate::supervisor::board::Board;
 use crate::supervisor::enabling::{EnableInputs, FaultMonitor, InputHealth, SafetyLimits};
 use crate::supervisor::sensing::{Calibration, Sensing};
 
@@ -55,8 +55,8 @@ pub struct Supervisor<'a> {
 
 impl<'a> Supervisor<'a> {
     /// Disabled and not homed. `place` is where the controllers will be.
-    pub fn new<S: Sensors, D, T, W>(
-        board: &mut TickBoard<S, D, T, W>,
+    pub fn new(
+        board: &mut impl Board,
         place: &'a mut ControllerSlot<'a>,
         limits: &SafetyLimits,
         calibration: &Calibration,
@@ -65,7 +65,7 @@ impl<'a> Supervisor<'a> {
         // Of before the first tick's conversions, so not fresh at any of them.
         let first = RawSample {
             fresh: false,
-            ..board.sensors.sample()
+            ..board.sample()
         };
         *place = None;
         Self {
@@ -99,25 +99,19 @@ impl<'a> Supervisor<'a> {
 
     /// One control tick.
     #[inline]
-    pub fn tick<S, D, T, W>(&mut self, board: &mut TickBoard<S, D, T, W>)
-    where
-        S: Sensors,
-        D: Drives + Inputs,
-        T: Timebase,
-        W: Stopwatch,
-    {
-        let begun = board.stopwatch.counts();
-        let timer = board.timebase.acknowledge();
-        let raw = board.sensors.sample();
+    pub fn tick(&mut self, board: &mut impl Board) {
+        let begun = board.stopwatch();
+        let timer = board.acknowledge_timer();
+        let raw = board.sample();
         self.sensing.update(&raw);
-        self.interlocks = board.drives.interlocks();
+        self.interlocks = board.interlocks();
         self.ticks_total = self.ticks_total.wrapping_add(1);
         let mut torque = None;
         match self.mode {
             // The host gives the pace.
             Mode::LockStep => {
                 if timer {
-                    board.timebase.run(false);
+                    board.run_timer(false);
                 }
                 if core::mem::take(&mut self.inbox_full)
                     && let Some(controller) = self.controller
@@ -128,7 +122,7 @@ impl<'a> Supervisor<'a> {
             }
             Mode::Enabled | Mode::Disabled => {
                 if !timer {
-                    board.timebase.run(true);
+                    board.run_timer(true);
                 }
                 if self.mode == Mode::Enabled
                     && let Some(controller) = self.controller
@@ -152,11 +146,11 @@ impl<'a> Supervisor<'a> {
             }
         }
         match torque {
-            Some(torque) => board.drives.command(torque),
-            None => board.drives.off(),
+            Some(torque) => board.command(torque),
+            None => board.off(),
         }
-        self.late = board.timebase.due();
-        let counts = board.stopwatch.counts().wrapping_sub(begun);
+        self.late = board.timer_due();
+        let counts = board.stopwatch().wrapping_sub(begun);
         self.counts_max = self.counts_max.max(counts);
         self.outbox.counts = counts;
     }
@@ -283,6 +277,7 @@ mod tests {
     use crate::link::RawSample;
     use crate::model::{ArmParameters, Elbow};
     use crate::signals::Reference;
+    use crate::supervisor::MemoryBoard;
     use crate::table::{Header, Piece, Table, TableWriter, image_bytes};
     use std::boxed::Box;
 
@@ -300,58 +295,8 @@ mod tests {
         range: (16, 4079),
     };
 
-    /// Everything that a board does, in memory.
-    #[derive(Debug, Default)]
-    struct Bench {
-        sample: RawSample,
-        interlocks: Option<Interlocks>,
-        torque: Option<[f32; 2]>,
-        running: bool,
-        timer: bool,
-        due: bool,
-        counts: core::cell::Cell<u32>,
-    }
-
-    impl Sensors for Bench {
-        fn sample(&mut self) -> RawSample {
-            self.sample
-        }
-    }
-    impl Drives for Bench {
-        fn command(&mut self, torque: [f32; 2]) {
-            self.torque = Some(torque);
-        }
-        fn off(&mut self) {
-            self.torque = None;
-        }
-    }
-    impl Inputs for Bench {
-        fn interlocks(&self) -> Interlocks {
-            self.interlocks.unwrap()
-        }
-    }
-    impl Timebase for Bench {
-        fn acknowledge(&mut self) -> bool {
-            self.timer
-        }
-        fn due(&self) -> bool {
-            self.due
-        }
-        fn run(&mut self, run: bool) {
-            self.running = run;
-        }
-    }
-    impl Stopwatch for Bench {
-        fn counts(&self) -> u32 {
-            self.counts.set(self.counts.get() + 7);
-            self.counts.get()
-        }
-    }
-
-    type Board = TickBoard<Bench, Bench, Bench, Bench>;
-
     struct Rig {
-        board: Board,
+        board: MemoryBoard,
         supervisor: Supervisor<'static>,
         prepared: &'static mut ControllerSlot<'static>,
     }
@@ -407,26 +352,13 @@ mod tests {
 
     impl Rig {
         fn new() -> Self {
-            let bench = || Bench {
-                sample: RawSample {
-                    force: 2048,
-                    strain: 2048,
-                    fresh: true,
-                    ..RawSample::default()
-                },
-                interlocks: Some(Interlocks {
-                    estop_released: true,
-                    drives_ok: true,
-                }),
-                timer: true,
-                ..Bench::default()
-            };
-            let mut board = TickBoard {
-                sensors: bench(),
-                drives: bench(),
-                timebase: bench(),
-                stopwatch: bench(),
-            };
+            let mut board = MemoryBoard::new(RawSample {
+                force: 2048,
+                strain: 2048,
+                fresh: true,
+                ..RawSample::default()
+            });
+            board.stopwatch_step = 7;
             let place = Box::leak(Box::new(None));
             let supervisor = Supervisor::new(&mut board, place, &LIMITS, &CALIBRATION, RATE_HZ);
             Self {
@@ -449,14 +381,14 @@ mod tests {
         }
 
         fn torque(&self) -> Option<[f32; 2]> {
-            self.board.drives.torque
+            self.board.torque
         }
     }
 
     #[test]
     fn it_starts_disabled_with_drives_off() {
         let mut rig = Rig::new();
-        rig.board.drives.torque = Some([1.0; 2]);
+        rig.board.torque = Some([1.0; 2]);
         rig.tick();
         assert_eq!(rig.torque(), None);
         let (mode, tick, fault, ticks, counts) = rig.supervisor.report();
@@ -471,7 +403,7 @@ mod tests {
     #[test]
     fn homed_is_what_was_said_and_lock_step_forgets_it() {
         let mut rig = Rig::new();
-        rig.board.sensors.sample.encoder = [300, 0];
+        rig.board.sample.encoder = [300, 0];
         rig.tick();
         assert!((rig.supervisor.enable_inputs().measured.angle[0] - 0.8).abs() < 1e-6);
         rig.supervisor.home().unwrap();
@@ -503,20 +435,20 @@ mod tests {
         type Cause = fn(&mut Rig);
         let causes: [(Fault, Cause); 7] = [
             (Fault::EmergencyStop, |rig| {
-                rig.board.drives.interlocks.as_mut().unwrap().estop_released = false;
+                rig.board.interlocks.estop_released = false;
             }),
             (Fault::Drive, |rig| {
-                rig.board.drives.interlocks.as_mut().unwrap().drives_ok = false;
+                rig.board.interlocks.drives_ok = false;
             }),
             (Fault::SensorsStale, |rig| {
-                rig.board.sensors.sample.fresh = false;
+                rig.board.sample.fresh = false;
             }),
             (Fault::SensorRange, |rig| {
-                rig.board.sensors.sample.strain = 4095;
+                rig.board.sample.strain = 4095;
             }),
             (Fault::TickOverrun, |rig| {
                 // The tick that is late is found out at its end, so the next one stops.
-                rig.board.timebase.due = true;
+                rig.board.timer_due = true;
                 rig.tick();
                 assert!(rig.torque().is_some());
             }),
@@ -533,7 +465,7 @@ mod tests {
                         ..CALIBRATION
                     },
                     RATE_HZ,
-                    &rig.board.sensors.sample,
+                    &rig.board.sample,
                 );
             }),
         ];
@@ -565,20 +497,20 @@ mod tests {
         for (i, mode) in modes.into_iter().enumerate() {
             mode(&mut rig);
             let count = 2100 + i as u16;
-            rig.board.sensors.sample = RawSample {
+            rig.board.sample = RawSample {
                 encoder: [count, 1],
                 force: 2148,
                 strain: count,
                 fresh: i != 0,
             };
-            rig.board.drives.interlocks = Some(Interlocks {
+            rig.board.interlocks = Interlocks {
                 estop_released: true,
                 drives_ok: i != 2,
-            });
+            };
             rig.tick();
             let report = rig.supervisor.sensors();
-            assert_eq!(report.raw, rig.board.sensors.sample);
-            assert_eq!(Some(report.interlocks), rig.board.drives.interlocks);
+            assert_eq!(report.raw, rig.board.sample);
+            assert_eq!(report.interlocks, rig.board.interlocks);
             assert!((report.measured.force - 1.0).abs() < 1e-6);
             let slope = (f32::from(count) - 2048.0) * 1e-3;
             assert!((report.measured.root_slope - slope).abs() < 1e-6);
@@ -618,11 +550,10 @@ mod tests {
         rig.supervisor.start_lock_step(&mut rig.prepared);
         // The timer's last tick; it rests from then on.
         rig.tick();
-        assert!(!rig.board.timebase.running);
-        rig.board.timebase.timer = false;
+        assert!(!rig.board.timer_running);
         // Neither stop nor stale sensors matter to a tick that drives nothing.
-        rig.board.drives.interlocks.as_mut().unwrap().estop_released = false;
-        rig.board.sensors.sample.fresh = false;
+        rig.board.interlocks.estop_released = false;
+        rig.board.sample.fresh = false;
         for sequence in 7..10 {
             assert!(
                 rig.supervisor
@@ -637,7 +568,7 @@ mod tests {
         }
         rig.supervisor.disable();
         rig.tick();
-        assert!(rig.board.timebase.running);
+        assert!(rig.board.timer_running);
         assert!(rig.supervisor.tick_advanced());
         assert!(!rig.supervisor.tick_advanced(), "no tick since");
     }
