@@ -9,7 +9,7 @@ use flexor::link::{
 };
 use flexor::link::{Mode, Refusal};
 use flexor::supervisor::{
-    ControllerSlot, Supervisor, check_enable, check_torque_bound, select_table,
+    ControllerSlot, Supervisor, SupervisorStatus, check_enable, check_torque_bound, select_table,
 };
 use flexor::table::{Slot, Table, TableIdentity};
 use rtic::Mutex;
@@ -104,7 +104,7 @@ impl Comms {
                 }
             }
             Request::StopLockStep => {
-                let running = supervisor.lock(|c| c.report().0 == Mode::LockStep);
+                let running = supervisor.lock(|c| c.status().mode == Mode::LockStep);
                 if running {
                     supervisor.lock(Supervisor::disable);
                     pend();
@@ -136,7 +136,7 @@ impl Comms {
         slot: Option<Slot>,
         supervisor: &mut impl Mutex<T = Supervisor<'static>>,
     ) -> Result<(Slot, TableIdentity), Refusal> {
-        if supervisor.lock(|c| c.report().0) != Mode::Disabled {
+        if supervisor.lock(|c| c.status().mode) != Mode::Disabled {
             return Err(Refusal::Busy);
         }
         let mut setup = self.setup.ok_or(Refusal::NoSetup)?;
@@ -144,8 +144,8 @@ impl Comms {
         let fingerprint = setup.arm.fingerprint();
         let (slot, table) = select_table(slot, |slot| flash_slots::open(slot, fingerprint))?;
         let first_row = table.cursor().reference();
-        let standing = supervisor.lock(|c| c.enable_inputs());
-        check_enable(&SAFETY, &standing, &first_row)?;
+        let inputs = supervisor.lock(|c| c.enable_inputs());
+        check_enable(&SAFETY, &inputs, &first_row)?;
         check_torque_bound(table.torque_bound(), &setup.limits)?;
         self.prepare(&table, &setup)?;
         supervisor.lock(|c| c.enable(&mut self.prepared));
@@ -159,7 +159,7 @@ impl Comms {
         setup: &Setup,
         supervisor: &mut impl Mutex<T = Supervisor<'static>>,
     ) -> Result<TableIdentity, Refusal> {
-        if supervisor.lock(|c| c.report().0) == Mode::Enabled {
+        if supervisor.lock(|c| c.status().mode) == Mode::Enabled {
             return Err(Refusal::Busy);
         }
         let table = flash_slots::open(slot, setup.arm.fingerprint()).map_err(Refusal::Table)?;
@@ -178,7 +178,13 @@ impl Comms {
 }
 
 fn status(supervisor: &mut impl Mutex<T = Supervisor<'static>>, lost: (FrameErrors, u32)) -> Reply {
-    let (mode, tick, fault, ticks_total, counts_max) = supervisor.lock(|c| c.report());
+    let SupervisorStatus {
+        mode,
+        tick,
+        fault,
+        ticks_total,
+        counts_max,
+    } = supervisor.lock(|c| c.status());
     Reply::Status(Status {
         mode,
         tick,

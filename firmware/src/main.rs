@@ -179,13 +179,13 @@ mod app {
             if supervisor.lock(Supervisor::tick_advanced) {
                 local.watchdog.feed();
             }
-            let (mode, _, latched, ..) = supervisor.lock(|supervisor| supervisor.report());
-            if debuggable != (mode != Mode::Enabled) {
+            let status = supervisor.lock(|supervisor| supervisor.status());
+            if debuggable != (status.mode != Mode::Enabled) {
                 debuggable = !debuggable;
                 local.watchdog.wait_for_debugger(debuggable);
             }
-            if fault != latched {
-                fault = latched;
+            if fault != status.fault {
+                fault = status.fault;
                 match fault {
                     Some(fault) => defmt::error!("stopped by {}, drives off", fault),
                     None => defmt::info!("fault acknowledged"),

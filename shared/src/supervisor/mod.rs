@@ -22,4 +22,4 @@ pub use enabling::{
 };
 pub use memory_board::MemoryBoard;
 pub use sensing::{Calibration, Sensing};
-pub use supervisor::{ControllerSlot, Supervisor};
+pub use supervisor::{ControllerSlot, Supervisor, SupervisorStatus};

@@ -29,6 +29,21 @@ fn run(controller: &mut Controller<'_, f32>, measured: &Measurement<f32>, result
     result.fault = command.fault;
 }
 
+/// What a [`Supervisor`] is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SupervisorStatus {
+    /// Disabled, enabled, or in lock-step.
+    pub mode: Mode,
+    /// Tick of the table; 0 when none runs.
+    pub tick: u32,
+    /// The latched fault, if any.
+    pub fault: Option<Fault>,
+    /// Ticks since start, of the timer and in lock-step; wraps.
+    pub ticks_total: u32,
+    /// Longest tick since start, stopwatch counts.
+    pub counts_max: u32,
+}
+
 /// What the tick and the main loop share.
 #[derive(Debug)]
 pub struct Supervisor<'a> {
@@ -252,20 +267,18 @@ impl<'a> Supervisor<'a> {
         }
     }
 
-    /// Mode, tick of the table, latched fault, ticks since start, longest tick in
-    /// stopwatch counts.
-    pub fn report(&self) -> (Mode, u32, Option<Fault>, u32, u32) {
-        let tick = match self.mode {
-            Mode::Disabled => 0,
-            Mode::Enabled | Mode::LockStep => self.outbox.tick,
-        };
-        (
-            self.mode,
-            tick,
-            self.fault,
-            self.ticks_total,
-            self.counts_max,
-        )
+    /// What it is doing.
+    pub fn status(&self) -> SupervisorStatus {
+        SupervisorStatus {
+            mode: self.mode,
+            tick: match self.mode {
+                Mode::Disabled => 0,
+                Mode::Enabled | Mode::LockStep => self.outbox.tick,
+            },
+            fault: self.fault,
+            ticks_total: self.ticks_total,
+            counts_max: self.counts_max,
+        }
     }
 }
 
@@ -391,13 +404,18 @@ mod tests {
         rig.board.torque = Some([1.0; 2]);
         rig.tick();
         assert_eq!(rig.torque(), None);
-        let (mode, tick, fault, ticks, counts) = rig.supervisor.report();
-        assert_eq!((mode, tick, fault, ticks), (Mode::Disabled, 0, None, 1));
-        assert_eq!(counts, 7);
-        let standing = rig.supervisor.enable_inputs();
-        assert_eq!((standing.latched, standing.homed), (None, false));
-        assert_eq!(standing.health.fault(), None);
-        assert!((standing.measured.angle[0] - 0.5).abs() < 1e-6);
+        let expected = SupervisorStatus {
+            mode: Mode::Disabled,
+            tick: 0,
+            fault: None,
+            ticks_total: 1,
+            counts_max: 7,
+        };
+        assert_eq!(rig.supervisor.status(), expected);
+        let inputs = rig.supervisor.enable_inputs();
+        assert_eq!((inputs.latched, inputs.homed), (None, false));
+        assert_eq!(inputs.health.fault(), None);
+        assert!((inputs.measured.angle[0] - 0.5).abs() < 1e-6);
     }
 
     #[test]
@@ -424,7 +442,7 @@ mod tests {
         let mut rig = Rig::enabled();
         assert!(rig.torque().is_some_and(planned));
         rig.tick();
-        assert_eq!(rig.supervisor.report().1, 1);
+        assert_eq!(rig.supervisor.status().tick, 1);
         rig.supervisor.disable();
         rig.tick();
         assert_eq!(rig.torque(), None);
@@ -474,8 +492,8 @@ mod tests {
             cause(&mut rig);
             rig.tick();
             assert_eq!(rig.torque(), None, "{fault}");
-            let (mode, _, latched, ..) = rig.supervisor.report();
-            assert_eq!((mode, latched), (Mode::Disabled, Some(fault)));
+            let status = rig.supervisor.status();
+            assert_eq!((status.mode, status.fault), (Mode::Disabled, Some(fault)));
             assert_eq!(rig.supervisor.enable_inputs().latched, Some(fault));
             rig.tick();
             assert_eq!(rig.torque(), None);
@@ -523,14 +541,14 @@ mod tests {
         let mut rig = Rig::enabled();
         rig.tick();
         rig.tick();
-        assert_eq!(rig.supervisor.report().1, 2);
+        assert_eq!(rig.supervisor.status().tick, 2);
         rig.supervisor.disable();
         rig.tick();
         *rig.prepared = Some(controller());
         rig.supervisor.enable(&mut rig.prepared);
-        assert_eq!(rig.supervisor.report().1, 0);
+        assert_eq!(rig.supervisor.status().tick, 0);
         rig.tick();
-        assert_eq!(rig.supervisor.report().1, 0);
+        assert_eq!(rig.supervisor.status().tick, 0);
     }
 
     #[test]
