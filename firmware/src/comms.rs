@@ -21,7 +21,7 @@ pub struct Comms {
     counts_per_1000_nops: u32,
     start: StartReason,
     /// Where the next controller is made, away from the tick's.
-    prepared: &'static mut ControllerSlot<'static>,
+    prepared: ControllerSlot<'static>,
 }
 
 impl Comms {
@@ -30,7 +30,7 @@ impl Comms {
         clocks: &Clocks,
         counts_per_1000_nops: u32,
         start: StartReason,
-        prepared: &'static mut ControllerSlot<'static>,
+        prepared: ControllerSlot<'static>,
     ) -> Self {
         Self {
             setup: flash_slots::setup(),
@@ -172,7 +172,7 @@ impl Comms {
     fn prepare(&mut self, table: &Table<'static>, setup: &Setup) -> Result<(), Refusal> {
         let controller = Controller::new(table, &setup.arm, &setup.law, &setup.limits)
             .map_err(|error| Refusal::Table(error.into()))?;
-        *self.prepared = Some(controller);
+        self.prepared.put(controller);
         Ok(())
     }
 }

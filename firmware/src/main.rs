@@ -47,6 +47,7 @@ mod app {
     use crate::comms::Comms;
     use crate::{calibrate, comms, crash_record, log, stack};
     use cortex_m::peripheral::syst::SystClkSource;
+    use flexor::control::Controller;
     use flexor::link::{FRAME_MAX, Mode, Receiver, Reply, Request};
     use flexor::supervisor::{ControllerSlot, Supervisor};
     use heapless::spsc::{Consumer, Producer, Queue};
@@ -74,8 +75,8 @@ mod app {
     #[init(local = [
         receive: Queue<u8, RECEIVE_QUEUE> = Queue::new(),
         transmit: Queue<u8, TRANSMIT_QUEUE> = Queue::new(),
-        running: ControllerSlot<'static> = None,
-        prepared: ControllerSlot<'static> = None,
+        running: Option<Controller<'static, f32>> = None,
+        prepared: Option<Controller<'static, f32>> = None,
     ])]
     fn init(context: init::Context) -> (Shared, Local) {
         stack::paint();
@@ -83,7 +84,8 @@ mod app {
         let mut peripherals = Peripherals::new(context.device, &mut core.DCB, &mut core.DWT);
         let start = crash_record::take(peripherals.watchdog_reset);
         let nops = calibrate(&peripherals.tick);
-        let comms = Comms::new(&peripherals.clocks, nops, start, context.local.prepared);
+        let prepared = ControllerSlot::new(context.local.prepared);
+        let comms = Comms::new(&peripherals.clocks, nops, start, prepared);
         let mut watchdog = peripherals.watchdog;
         watchdog.start();
         let mut systick = core.SYST;
@@ -97,7 +99,7 @@ mod app {
         let shared = Shared {
             supervisor: Supervisor::new(
                 &mut peripherals.tick,
-                context.local.running,
+                ControllerSlot::new(context.local.running),
                 &SAFETY,
                 &CALIBRATION,
                 TICK_RATE_HZ,

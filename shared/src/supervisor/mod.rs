@@ -3,12 +3,14 @@
 //! | file | responsible for |
 //! |---|---|
 //! | `supervisor` | the modes, and the body of the control interrupt |
+//! | `controller_slot` | where controllers live, and how the next one is handed over |
 //! | `enabling` | when the drives may be enabled, and when they must not stay so |
 //! | `sensing` | from encoder and converter counts to a measurement |
 //! | `board` | what the tick needs from a board |
 //! | `memory_board` | a board that is values in memory, for tests and simulators |
 
 mod board;
+mod controller_slot;
 mod enabling;
 mod memory_board;
 mod sensing;
@@ -16,10 +18,11 @@ mod sensing;
 mod supervisor;
 
 pub use board::{Board, DriveScale};
+pub use controller_slot::ControllerSlot;
 pub use enabling::{
     EnableInputs, FaultMonitor, InputHealth, SafetyLimits, check_enable, check_torque_bound,
     select_table,
 };
 pub use memory_board::MemoryBoard;
 pub use sensing::{Calibration, Sensing};
-pub use supervisor::{ControllerSlot, Supervisor, SupervisorStatus};
+pub use supervisor::{Supervisor, SupervisorStatus};

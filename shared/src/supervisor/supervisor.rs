@@ -10,12 +10,9 @@ use crate::fault::Fault;
 use crate::link::{Interlocks, Mode, RawSample, Refusal, SensorReport, TickReply};
 use crate::signals::{Measurement, Saturation};
 use crate::supervisor::board::Board;
+use crate::supervisor::controller_slot::ControllerSlot;
 use crate::supervisor::enabling::{EnableInputs, FaultMonitor, InputHealth, SafetyLimits};
 use crate::supervisor::sensing::{Calibration, Sensing};
-
-/// A place for a controller. There are two, the tick's and the one in which the main loop
-/// prepares the next.
-pub type ControllerSlot<'a> = Option<Controller<'a, f32>>;
 
 /// The controller's tick, less the parts of its command that nobody reads here. The table
 /// columns behind those then need not be evaluated. Not inlined, or the compiler makes a
@@ -48,7 +45,7 @@ pub struct SupervisorStatus {
 #[derive(Debug)]
 pub struct Supervisor<'a> {
     mode: Mode,
-    controller: &'a mut ControllerSlot<'a>,
+    slot: ControllerSlot<'a>,
     limits: SafetyLimits,
     sensing: Sensing,
     monitor: FaultMonitor,
@@ -69,10 +66,10 @@ pub struct Supervisor<'a> {
 }
 
 impl<'a> Supervisor<'a> {
-    /// Disabled and not homed. `place` is where the controllers will be.
+    /// Disabled and not homed. The tick's controllers will be in `slot`.
     pub fn new(
         board: &mut impl Board,
-        place: &'a mut ControllerSlot<'a>,
+        slot: ControllerSlot<'a>,
         limits: &SafetyLimits,
         calibration: &Calibration,
         tick_rate_hz: u32,
@@ -82,10 +79,9 @@ impl<'a> Supervisor<'a> {
             fresh: false,
             ..board.sample()
         };
-        *place = None;
         Self {
             mode: Mode::Disabled,
-            controller: place,
+            slot,
             limits: *limits,
             sensing: Sensing::new(calibration, tick_rate_hz, &first),
             monitor: FaultMonitor::new(limits),
@@ -129,7 +125,7 @@ impl<'a> Supervisor<'a> {
                     board.run_timer(false);
                 }
                 if core::mem::take(&mut self.inbox_full)
-                    && let Some(controller) = self.controller
+                    && let Some(controller) = self.slot.controller()
                 {
                     run(controller, &self.inbox.1, &mut self.outbox);
                     self.outbox.sequence = self.inbox.0;
@@ -140,7 +136,7 @@ impl<'a> Supervisor<'a> {
                     board.run_timer(true);
                 }
                 if self.mode == Mode::Enabled
-                    && let Some(controller) = self.controller
+                    && let Some(controller) = self.slot.controller()
                 {
                     let health = InputHealth {
                         interlocks: self.interlocks,
@@ -171,9 +167,10 @@ impl<'a> Supervisor<'a> {
     }
 
     /// Enables the drives from the next tick on and runs the `prepared` controller, which
-    /// it takes in exchange for the one before. The caller has checked that it may.
-    pub fn enable(&mut self, prepared: &mut &'a mut ControllerSlot<'a>) {
-        core::mem::swap(&mut self.controller, prepared);
+    /// it takes in exchange for the one before. The caller has checked that it may. With an
+    /// empty slot the drives stay off.
+    pub fn enable(&mut self, prepared: &mut ControllerSlot<'a>) {
+        self.slot.exchange(prepared);
         self.monitor = FaultMonitor::new(&self.limits);
         self.late = false;
         // Until the first tick a report must not show where the run before ended.
@@ -188,8 +185,8 @@ impl<'a> Supervisor<'a> {
 
     /// From the next tick on the host's measurements run the `prepared` controller. The
     /// encoders may turn unseen between two of its ticks: the arm is no longer homed.
-    pub fn start_lock_step(&mut self, prepared: &mut &'a mut ControllerSlot<'a>) {
-        core::mem::swap(&mut self.controller, prepared);
+    pub fn start_lock_step(&mut self, prepared: &mut ControllerSlot<'a>) {
+        self.slot.exchange(prepared);
         self.homed = false;
         self.inbox_full = false;
         self.outbox.tick = 0;
@@ -311,7 +308,7 @@ mod tests {
     struct Rig {
         board: MemoryBoard,
         supervisor: Supervisor<'static>,
-        prepared: &'static mut ControllerSlot<'static>,
+        prepared: ControllerSlot<'static>,
     }
 
     /// A controller that gives [`TORQUE`] at every tick.
@@ -372,12 +369,14 @@ mod tests {
                 ..RawSample::default()
             });
             board.stopwatch_step = 7;
-            let place = Box::leak(Box::new(None));
-            let supervisor = Supervisor::new(&mut board, place, &LIMITS, &CALIBRATION, RATE_HZ);
+            let slot = || ControllerSlot::new(Box::leak(Box::new(None)));
+            let supervisor = Supervisor::new(&mut board, slot(), &LIMITS, &CALIBRATION, RATE_HZ);
+            let mut prepared = slot();
+            prepared.put(controller());
             Self {
                 board,
                 supervisor,
-                prepared: Box::leak(Box::new(Some(controller()))),
+                prepared,
             }
         }
 
@@ -544,7 +543,7 @@ mod tests {
         assert_eq!(rig.supervisor.status().tick, 2);
         rig.supervisor.disable();
         rig.tick();
-        *rig.prepared = Some(controller());
+        rig.prepared.put(controller());
         rig.supervisor.enable(&mut rig.prepared);
         assert_eq!(rig.supervisor.status().tick, 0);
         rig.tick();
