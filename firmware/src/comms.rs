@@ -103,16 +103,7 @@ impl Comms {
                     Err(refusal) => Err(refusal),
                 }
             }
-            Request::StopLockStep => {
-                let running = supervisor.lock(|c| c.status().mode == Mode::LockStep);
-                if running {
-                    supervisor.lock(Supervisor::disable);
-                    pend();
-                    Ok(())
-                } else {
-                    Err(Refusal::NotInLockStep)
-                }
-            }
+            Request::StopLockStep => supervisor.lock(Supervisor::stop_lock_step).map(|()| pend()),
             Request::Measured { sequence, measured } => {
                 if supervisor.lock(|c| c.post_measurement(sequence, measured)) {
                     // The tick comes at once, being of higher priority.
@@ -148,7 +139,7 @@ impl Comms {
         check_enable(&SAFETY, &inputs, &first_row)?;
         check_torque_bound(table.torque_bound(), &setup.limits)?;
         self.prepare(&table, &setup)?;
-        supervisor.lock(|c| c.enable(&mut self.prepared));
+        supervisor.lock(|c| c.enable(&mut self.prepared))?;
         defmt::info!("enabled, slot {}: table {=u32:#x}", slot, table.crc());
         Ok((slot, TableIdentity::from(&table)))
     }
@@ -164,7 +155,7 @@ impl Comms {
         }
         let table = flash_slots::open(slot, setup.arm.fingerprint()).map_err(Refusal::Table)?;
         self.prepare(&table, setup)?;
-        supervisor.lock(|c| c.start_lock_step(&mut self.prepared));
+        supervisor.lock(|c| c.start_lock_step(&mut self.prepared))?;
         Ok(TableIdentity::from(&table))
     }
 

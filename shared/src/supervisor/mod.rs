@@ -2,7 +2,8 @@
 //!
 //! | file | responsible for |
 //! |---|---|
-//! | `supervisor` | the modes, and the body of the control interrupt |
+//! | `supervisor` | the body of the control interrupt, and what the main loop asks of it |
+//! | `state` | disabled, enabled, lock-step: what each carries, and every transition |
 //! | `controller_slot` | where controllers live, and how the next one is handed over |
 //! | `enabling` | when the drives may be enabled, and when they must not stay so |
 //! | `sensing` | from encoder and converter counts to a measurement |
@@ -14,6 +15,7 @@ mod controller_slot;
 mod enabling;
 mod memory_board;
 mod sensing;
+mod state;
 #[allow(clippy::module_inception)]
 mod supervisor;
 

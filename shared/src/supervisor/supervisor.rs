@@ -1,6 +1,6 @@
 //! Disabled, enabled or lock-step: the control tick as the board's interrupt runs it.
 //!
-//! [`Supervisor::tick`] samples, decides by [`Mode`], runs the one controller and commands.
+//! [`Supervisor::tick`] samples, decides by its state, runs the one controller and commands.
 //! It runs in the highest-priority interrupt, for the timer and in lock-step alike, and
 //! does not block, allocate, log or loop. The main loop reaches [`Supervisor`] through short
 //! locks: a controller is prepared outside and handed over by exchanging two references.
@@ -11,8 +11,9 @@ use crate::link::{Interlocks, Mode, RawSample, Refusal, SensorReport, TickReply}
 use crate::signals::{Measurement, Saturation};
 use crate::supervisor::board::Board;
 use crate::supervisor::controller_slot::ControllerSlot;
-use crate::supervisor::enabling::{EnableInputs, FaultMonitor, InputHealth, SafetyLimits};
+use crate::supervisor::enabling::{EnableInputs, InputHealth, SafetyLimits};
 use crate::supervisor::sensing::{Calibration, Sensing};
+use crate::supervisor::state::State;
 
 /// The controller's tick, less the parts of its command that nobody reads here. The table
 /// columns behind those then need not be evaluated. Not inlined, or the compiler makes a
@@ -44,23 +45,19 @@ pub struct SupervisorStatus {
 /// What the tick and the main loop share.
 #[derive(Debug)]
 pub struct Supervisor<'a> {
-    mode: Mode,
+    state: State,
     slot: ControllerSlot<'a>,
     limits: SafetyLimits,
     sensing: Sensing,
-    monitor: FaultMonitor,
+    /// The latched fault.
     fault: Option<Fault>,
     /// Where the joints are is known.
     homed: bool,
     interlocks: Interlocks,
-    /// A measurement from the host, and its sequence number.
-    inbox: (u32, Measurement<f32>),
-    inbox_full: bool,
     /// What the last tick gave.
     outbox: TickReply,
     ticks_total: u32,
     counts_max: u32,
-    late: bool,
     /// Ticks when the main loop last looked.
     ticks_seen: u32,
 }
@@ -80,19 +77,16 @@ impl<'a> Supervisor<'a> {
             ..board.sample()
         };
         Self {
-            mode: Mode::Disabled,
+            state: State::Disabled,
             slot,
             limits: *limits,
             sensing: Sensing::new(calibration, tick_rate_hz, &first),
-            monitor: FaultMonitor::new(limits),
             fault: None,
             homed: false,
             interlocks: Interlocks {
                 estop_released: false,
                 drives_ok: false,
             },
-            inbox: (0, Measurement::default()),
-            inbox_full: false,
             outbox: TickReply {
                 sequence: 0,
                 tick: 0,
@@ -103,7 +97,6 @@ impl<'a> Supervisor<'a> {
             },
             ticks_total: 0,
             counts_max: 0,
-            late: false,
             ticks_seen: 0,
         }
     }
@@ -117,90 +110,107 @@ impl<'a> Supervisor<'a> {
         self.sensing.update(&raw);
         self.interlocks = board.interlocks();
         self.ticks_total = self.ticks_total.wrapping_add(1);
-        let mut torque = None;
-        match self.mode {
-            // The host gives the pace.
-            Mode::LockStep => {
+        match &mut self.state {
+            State::LockStep { inbox } => {
+                board.off();
+                // The host gives the pace.
                 if timer {
                     board.run_timer(false);
                 }
-                if core::mem::take(&mut self.inbox_full)
+                if let Some((sequence, measured)) = inbox
                     && let Some(controller) = self.slot.controller()
                 {
-                    run(controller, &self.inbox.1, &mut self.outbox);
-                    self.outbox.sequence = self.inbox.0;
+                    self.outbox.sequence = *sequence;
+                    run(controller, measured, &mut self.outbox);
+                    *inbox = None;
                 }
             }
-            Mode::Enabled | Mode::Disabled => {
+            State::Disabled => {
+                board.off();
                 if !timer {
                     board.run_timer(true);
                 }
-                if self.mode == Mode::Enabled
-                    && let Some(controller) = self.slot.controller()
-                {
+            }
+            State::Enabled { monitor, late } => {
+                if !timer {
+                    board.run_timer(true);
+                }
+                if let Some(controller) = self.slot.controller() {
                     let health = InputHealth {
                         interlocks: self.interlocks,
                         fresh: raw.fresh,
                         in_range: self.sensing.in_range(),
                     };
-                    if let Some(fault) = self.monitor.tick(&health, self.late) {
+                    if let Some(fault) = monitor.tick(&health, *late) {
                         controller.trip(fault);
                     }
                     run(controller, &self.sensing.measurement(), &mut self.outbox);
                     if self.outbox.fault.is_some() {
+                        board.off();
                         self.fault = self.outbox.fault;
-                        self.mode = Mode::Disabled;
+                        self.state.disable();
                     } else {
-                        torque = Some(self.outbox.torque);
+                        board.command(self.outbox.torque);
+                        *late = board.timer_due();
                     }
+                } else {
+                    board.off();
                 }
             }
         }
-        match torque {
-            Some(torque) => board.command(torque),
-            None => board.off(),
-        }
-        self.late = board.timer_due();
         let counts = board.stopwatch().wrapping_sub(begun);
         self.counts_max = self.counts_max.max(counts);
         self.outbox.counts = counts;
     }
 
     /// Enables the drives from the next tick on and runs the `prepared` controller, which
-    /// it takes in exchange for the one before. The caller has checked that it may. With an
-    /// empty slot the drives stay off.
-    pub fn enable(&mut self, prepared: &mut ControllerSlot<'a>) {
+    /// it takes in exchange for the one before. The caller has made the checks of
+    /// [`check_enable`](crate::supervisor::check_enable). With an empty slot the drives stay
+    /// off.
+    ///
+    /// # Errors
+    /// [`Refusal::Busy`] unless disabled; nothing is exchanged then.
+    pub fn enable(&mut self, prepared: &mut ControllerSlot<'a>) -> Result<(), Refusal> {
+        self.state.enable(&self.limits)?;
         self.slot.exchange(prepared);
-        self.monitor = FaultMonitor::new(&self.limits);
-        self.late = false;
-        // Until the first tick a report must not show where the run before ended.
+        // Until the first tick the status must not show where the run before ended.
         self.outbox.tick = 0;
-        self.mode = Mode::Enabled;
+        Ok(())
     }
 
     /// Drives off from the next tick on; ends lock-step too.
     pub fn disable(&mut self) {
-        self.mode = Mode::Disabled;
+        self.state.disable();
     }
 
     /// From the next tick on the host's measurements run the `prepared` controller. The
     /// encoders may turn unseen between two of its ticks: the arm is no longer homed.
-    pub fn start_lock_step(&mut self, prepared: &mut ControllerSlot<'a>) {
+    ///
+    /// # Errors
+    /// [`Refusal::Busy`] if enabled; nothing is exchanged then.
+    pub fn start_lock_step(&mut self, prepared: &mut ControllerSlot<'a>) -> Result<(), Refusal> {
+        self.state.start_lock_step()?;
         self.slot.exchange(prepared);
         self.homed = false;
-        self.inbox_full = false;
         self.outbox.tick = 0;
-        self.mode = Mode::LockStep;
+        Ok(())
+    }
+
+    /// Back to the timer and the sensors, disabled.
+    ///
+    /// # Errors
+    /// [`Refusal::NotInLockStep`] unless in lock-step.
+    pub fn stop_lock_step(&mut self) -> Result<(), Refusal> {
+        self.state.stop_lock_step()
     }
 
     /// Leaves a measurement for the next tick; false when not in lock-step.
     pub fn post_measurement(&mut self, sequence: u32, measured: Measurement<f32>) -> bool {
-        let running = self.mode == Mode::LockStep;
-        if running {
-            self.inbox = (sequence, measured);
-            self.inbox_full = true;
-        }
-        running
+        let State::LockStep { inbox } = &mut self.state else {
+            return false;
+        };
+        *inbox = Some((sequence, measured));
+        true
     }
 
     /// What the last tick gave.
@@ -212,12 +222,14 @@ impl<'a> Supervisor<'a> {
     /// the pace.
     pub fn tick_advanced(&mut self) -> bool {
         let before = core::mem::replace(&mut self.ticks_seen, self.ticks_total);
-        before != self.ticks_total || self.mode == Mode::LockStep
+        before != self.ticks_total || matches!(self.state, State::LockStep { .. })
     }
 
     /// The host has been heard.
     pub fn link_alive(&mut self) {
-        self.monitor.link_alive();
+        if let State::Enabled { monitor, .. } = &mut self.state {
+            monitor.link_alive();
+        }
     }
 
     /// The arm stands at its home pose.
@@ -225,7 +237,7 @@ impl<'a> Supervisor<'a> {
     /// # Errors
     /// [`Refusal::Busy`] unless disabled.
     pub fn home(&mut self) -> Result<(), Refusal> {
-        if self.mode != Mode::Disabled {
+        if !matches!(self.state, State::Disabled) {
             return Err(Refusal::Busy);
         }
         self.sensing.home();
@@ -267,10 +279,10 @@ impl<'a> Supervisor<'a> {
     /// What it is doing.
     pub fn status(&self) -> SupervisorStatus {
         SupervisorStatus {
-            mode: self.mode,
-            tick: match self.mode {
-                Mode::Disabled => 0,
-                Mode::Enabled | Mode::LockStep => self.outbox.tick,
+            mode: self.state.mode(),
+            tick: match self.state {
+                State::Disabled => 0,
+                State::Enabled { .. } | State::LockStep { .. } => self.outbox.tick,
             },
             fault: self.fault,
             ticks_total: self.ticks_total,
@@ -383,7 +395,7 @@ mod tests {
         fn enabled() -> Self {
             let mut rig = Self::new();
             rig.tick();
-            rig.supervisor.enable(&mut rig.prepared);
+            rig.supervisor.enable(&mut rig.prepared).unwrap();
             rig.tick();
             rig
         }
@@ -426,11 +438,11 @@ mod tests {
         rig.supervisor.home().unwrap();
         assert!(rig.supervisor.enable_inputs().homed && rig.supervisor.sensors().homed);
         assert!((rig.supervisor.enable_inputs().measured.angle[0] - 0.5).abs() < 1e-6);
-        rig.supervisor.enable(&mut rig.prepared);
+        rig.supervisor.enable(&mut rig.prepared).unwrap();
         assert_eq!(rig.supervisor.home(), Err(Refusal::Busy));
         rig.supervisor.disable();
         assert!(rig.supervisor.enable_inputs().homed);
-        rig.supervisor.start_lock_step(&mut rig.prepared);
+        rig.supervisor.start_lock_step(&mut rig.prepared).unwrap();
         assert_eq!(rig.supervisor.home(), Err(Refusal::Busy));
         rig.supervisor.disable();
         assert!(!rig.supervisor.enable_inputs().homed);
@@ -508,8 +520,11 @@ mod tests {
         assert!(!report.raw.fresh && !report.interlocks.estop_released);
         let modes: [fn(&mut Rig); 3] = [
             |_| {},
-            |rig| rig.supervisor.enable(&mut rig.prepared),
-            |rig| rig.supervisor.start_lock_step(&mut rig.prepared),
+            |rig| rig.supervisor.enable(&mut rig.prepared).unwrap(),
+            |rig| {
+                rig.supervisor.disable();
+                rig.supervisor.start_lock_step(&mut rig.prepared).unwrap();
+            },
         ];
         for (i, mode) in modes.into_iter().enumerate() {
             mode(&mut rig);
@@ -544,10 +559,25 @@ mod tests {
         rig.supervisor.disable();
         rig.tick();
         rig.prepared.put(controller());
-        rig.supervisor.enable(&mut rig.prepared);
+        rig.supervisor.enable(&mut rig.prepared).unwrap();
         assert_eq!(rig.supervisor.status().tick, 0);
         rig.tick();
         assert_eq!(rig.supervisor.status().tick, 0);
+    }
+
+    #[test]
+    fn what_the_state_does_not_allow_is_refused_and_changes_nothing() {
+        let mut rig = Rig::enabled();
+        // The slot that came back is empty: taken again, it would switch the drives off.
+        assert_eq!(rig.supervisor.enable(&mut rig.prepared), Err(Refusal::Busy));
+        assert_eq!(
+            rig.supervisor.start_lock_step(&mut rig.prepared),
+            Err(Refusal::Busy)
+        );
+        assert_eq!(rig.supervisor.stop_lock_step(), Err(Refusal::NotInLockStep));
+        rig.tick();
+        assert!(rig.torque().is_some_and(planned));
+        assert_eq!(rig.supervisor.status().tick, 1);
     }
 
     #[test]
@@ -564,7 +594,7 @@ mod tests {
     fn in_lock_step_the_host_gives_the_pace_and_the_drives_stay_off() {
         let mut rig = Rig::new();
         assert!(!rig.supervisor.post_measurement(1, Measurement::default()));
-        rig.supervisor.start_lock_step(&mut rig.prepared);
+        rig.supervisor.start_lock_step(&mut rig.prepared).unwrap();
         // The timer's last tick; it rests from then on.
         rig.tick();
         assert!(!rig.board.timer_running);

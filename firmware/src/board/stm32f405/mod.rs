@@ -221,6 +221,9 @@ impl Board for TickBoard {
         self.timer.due()
     }
 
+    // Called where lock-step begins and ends only: out of the way of every other tick.
+    #[cold]
+    #[inline(never)]
     fn run_timer(&mut self, run: bool) {
         self.timer.run(run);
     }
