@@ -50,6 +50,21 @@ pub struct ArmParameters {
 }
 
 impl ArmParameters {
+    /// The paper's arm (Table 1), elbow down.
+    pub const PAPER: Self = Self {
+        link1_length_m: 0.5,
+        link1_mass_kg: 8.0,
+        link2_length_m: 0.55,
+        link2_mass_kg: 0.24,
+        bending_stiffness_nm2: 0.48,
+        damping_ratio: 0.05,
+        root_inertia_kgm2: 0.0,
+        tip_mass_kg: 0.0,
+        tip_inertia_kgm2: 0.0,
+        gravity_m_s2: [0.0, 9.81],
+        elbow: Elbow::Down,
+    };
+
     /// CRC-32 (ISO-HDLC) over a domain tag and the physical data as little-endian
     /// f64, in the order of the fields, without the elbow (a posture, not a part).
     ///
@@ -312,19 +327,7 @@ mod tests {
 
     #[test]
     fn the_fingerprint_tells_arms_apart_and_ignores_posture() {
-        let arm = ArmParameters {
-            link1_length_m: 0.5,
-            link1_mass_kg: 8.0,
-            link2_length_m: 0.55,
-            link2_mass_kg: 0.24,
-            bending_stiffness_nm2: 0.48,
-            damping_ratio: 0.05,
-            root_inertia_kgm2: 0.0,
-            tip_mass_kg: 0.0,
-            tip_inertia_kgm2: 0.0,
-            gravity_m_s2: [0.0, 9.81],
-            elbow: Elbow::Down,
-        };
+        let arm = ArmParameters::PAPER;
         let mut other = arm;
         other.elbow = Elbow::Up;
         other.root_inertia_kgm2 = -0.0;

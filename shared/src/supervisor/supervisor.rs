@@ -297,7 +297,7 @@ mod tests {
     use super::*;
     use crate::control::{LawParameters, LimitParameters};
     use crate::link::RawSample;
-    use crate::model::{ArmParameters, Elbow};
+    use crate::model::ArmParameters;
     use crate::signals::Reference;
     use crate::supervisor::MemoryBoard;
     use crate::table::{Header, Piece, Table, TableWriter, image_bytes};
@@ -325,19 +325,7 @@ mod tests {
 
     /// A controller that gives [`TORQUE`] at every tick.
     fn controller() -> Controller<'static, f32> {
-        let arm = ArmParameters {
-            link1_length_m: 0.5,
-            link1_mass_kg: 8.0,
-            link2_length_m: 0.55,
-            link2_mass_kg: 0.24,
-            bending_stiffness_nm2: 0.48,
-            damping_ratio: 0.05,
-            root_inertia_kgm2: 0.0,
-            tip_mass_kg: 0.0,
-            tip_inertia_kgm2: 0.0,
-            gravity_m_s2: [0.0, 9.81],
-            elbow: Elbow::Down,
-        };
+        let arm = ArmParameters::PAPER;
         let header = Header {
             arm_fingerprint: arm.fingerprint(),
             tick_rate_hz: RATE_HZ,
