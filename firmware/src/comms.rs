@@ -3,24 +3,24 @@
 use crate::board::Clocks;
 use crate::board::constants::{DRIVE_LIMIT_NM, SAFETY, TICK_RATE_HZ};
 use crate::{flash_slots, identity, log, stack};
-use flexor::control::Controller;
 use flexor::link::{
-    FRAME_MAX, FrameErrors, Identity, Reply, Request, Setup, StartReason, Status, encode,
+    FRAME_MAX, FrameErrors, Identity, Mode, Refusal, Reply, Request, Setup, StartReason, Status,
+    encode,
 };
-use flexor::link::{Mode, Refusal};
 use flexor::supervisor::{
-    ControllerSlot, Supervisor, SupervisorStatus, check_enable, check_torque_bound, select_table,
+    ControllerParameters, ControllerSlot, Supervisor, SupervisorStatus, check_enable,
+    check_torque_bound, select_table,
 };
 use flexor::table::{Slot, Table, TableIdentity};
 use rtic::Mutex;
 
-/// What the main loop knows.
+/// State of the request handler, in the main loop at priority 0.
 pub struct Comms {
-    setup: Option<Setup>,
+    parameters: Option<ControllerParameters>,
     clocks: Clocks,
     counts_per_1000_nops: u32,
     start: StartReason,
-    /// Where the next controller is made, away from the tick's.
+    /// Where the next controller is made, apart from the tick's.
     prepared: ControllerSlot<'static>,
 }
 
@@ -33,7 +33,7 @@ impl Comms {
         prepared: ControllerSlot<'static>,
     ) -> Self {
         Self {
-            setup: flash_slots::setup(),
+            parameters: flash_slots::setup().map(|setup| ControllerParameters::from(&setup)),
             clocks: *clocks,
             counts_per_1000_nops,
             start,
@@ -44,8 +44,8 @@ impl Comms {
     /// Who this is; opens both slots.
     pub fn identity(&self) -> Reply {
         defmt::info!("start: {}, clock: {}", self.start, self.clocks.source);
-        let arm_fingerprint = self.setup.map(|setup| setup.arm.fingerprint());
-        // Without an arm no table fits; 0 stands for it as good as any number.
+        let arm_fingerprint = self.parameters.map(|own| own.arm.fingerprint());
+        // Without an arm every table is refused.
         let slots = Slot::ALL.map(|slot| {
             let table = flash_slots::open(slot, arm_fingerprint.unwrap_or(0));
             match &table {
@@ -69,7 +69,8 @@ impl Comms {
         })
     }
 
-    /// Does what is asked and says so. `pend` requests the tick's interrupt.
+    /// Executes a request and returns its reply. `lost` are the line's errors so far; `pend`
+    /// triggers the tick's interrupt.
     pub fn answer(
         &mut self,
         request: &Request,
@@ -130,15 +131,15 @@ impl Comms {
         if supervisor.lock(|c| c.status().mode) != Mode::Disabled {
             return Err(Refusal::Busy);
         }
-        let mut setup = self.setup.ok_or(Refusal::NoSetup)?;
-        setup.limits = setup.limits.at_most(DRIVE_LIMIT_NM);
-        let fingerprint = setup.arm.fingerprint();
+        let mut parameters = self.parameters.ok_or(Refusal::NoSetup)?;
+        parameters.limits = parameters.limits.at_most(DRIVE_LIMIT_NM);
+        let fingerprint = parameters.arm.fingerprint();
         let (slot, table) = select_table(slot, |slot| flash_slots::open(slot, fingerprint))?;
         let first_row = table.cursor().reference();
         let inputs = supervisor.lock(|c| c.enable_inputs());
         check_enable(&SAFETY, &inputs, &first_row)?;
-        check_torque_bound(table.torque_bound(), &setup.limits)?;
-        self.prepare(&table, &setup)?;
+        check_torque_bound(table.torque_bound(), &parameters.limits)?;
+        self.prepare(&table, &parameters)?;
         supervisor.lock(|c| c.enable(&mut self.prepared))?;
         defmt::info!("enabled, slot {}: table {=u32:#x}", slot, table.crc());
         Ok((slot, TableIdentity::from(&table)))
@@ -153,15 +154,22 @@ impl Comms {
         if supervisor.lock(|c| c.status().mode) == Mode::Enabled {
             return Err(Refusal::Busy);
         }
-        let table = flash_slots::open(slot, setup.arm.fingerprint()).map_err(Refusal::Table)?;
-        self.prepare(&table, setup)?;
+        let parameters = ControllerParameters::from(setup);
+        let fingerprint = parameters.arm.fingerprint();
+        let table = flash_slots::open(slot, fingerprint).map_err(Refusal::Table)?;
+        self.prepare(&table, &parameters)?;
         supervisor.lock(|c| c.start_lock_step(&mut self.prepared))?;
         Ok(TableIdentity::from(&table))
     }
 
     /// Makes the next controller, with no lock held.
-    fn prepare(&mut self, table: &Table<'static>, setup: &Setup) -> Result<(), Refusal> {
-        let controller = Controller::new(table, &setup.arm, &setup.law, &setup.limits)
+    fn prepare(
+        &mut self,
+        table: &Table<'static>,
+        parameters: &ControllerParameters,
+    ) -> Result<(), Refusal> {
+        let controller = parameters
+            .controller(table)
             .map_err(|error| Refusal::Table(error.into()))?;
         self.prepared.put(controller);
         Ok(())

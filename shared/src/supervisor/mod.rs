@@ -7,6 +7,7 @@
 //! | `controller_slot` | where controllers live, and how the next one is handed over |
 //! | `enabling` | when the drives may be enabled, and when they must not stay so |
 //! | `sensing` | from encoder and converter counts to a measurement |
+//! | `parameters` | what a controller is made from, and its form on the wire |
 //! | `board` | what the tick needs from a board |
 //! | `memory_board` | a board that is values in memory, for tests and simulators |
 
@@ -14,6 +15,7 @@ mod board;
 mod controller_slot;
 mod enabling;
 mod memory_board;
+mod parameters;
 mod sensing;
 mod state;
 #[allow(clippy::module_inception)]
@@ -26,5 +28,6 @@ pub use enabling::{
     select_table,
 };
 pub use memory_board::MemoryBoard;
+pub use parameters::ControllerParameters;
 pub use sensing::{Calibration, Sensing};
 pub use supervisor::{Supervisor, SupervisorStatus};
