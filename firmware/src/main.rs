@@ -19,13 +19,9 @@ mod board;
 mod comms;
 mod crash_record;
 mod flash_slots;
+mod identity;
 mod log;
 mod stack;
-
-/// Which sources this was built from.
-mod identity {
-    include!(concat!(env!("OUT_DIR"), "/identity.rs"));
-}
 
 /// Stopwatch counts that 1,000 `nop` instructions take, with no interrupt between.
 fn calibrate(board: &impl flexor::supervisor::Board) -> u32 {

@@ -24,12 +24,12 @@
 pub mod constants;
 
 use constants::{
-    APB1_PLL_HZ, APB2_PLL_HZ, BAUD, CONVERSION_LEAD_COUNTS, CORE_PLL_HZ, CRYSTAL_HZ, CRYSTAL_POLLS,
+    APB1_PLL_HZ, APB2_PLL_HZ, CONVERSION_LEAD_COUNTS, CORE_PLL_HZ, CRYSTAL_HZ, CRYSTAL_POLLS,
     DAC_ZERO, DRIVES, PLL_POLLS, TICK_RATE_HZ, WATCHDOG_MS,
 };
 use core::ops::Deref;
 use cortex_m::peripheral::{DCB, DWT};
-use flexor::link::{ClockSource, Interlocks, RawSample};
+use flexor::link::{BAUD, ClockSource, Interlocks, RawSample};
 use flexor::supervisor::Board;
 use stm32f4xx_hal::dac::{C1, C2, DacOut, DacPin};
 use stm32f4xx_hal::gpio::outport::{OutPort, OutPort2};
