@@ -47,7 +47,7 @@ impl Comms {
         let arm_fingerprint = self.parameters.map(|own| own.arm.fingerprint());
         // Without an arm every table is refused.
         let slots = Slot::ALL.map(|slot| {
-            let table = flash_slots::open(slot, arm_fingerprint.unwrap_or(0));
+            let table = flash_slots::open(slot, arm_fingerprint);
             match &table {
                 Ok(table) => defmt::info!("slot {}: table {=u32:#x}", slot, table.crc()),
                 Err(error) => defmt::info!("slot {}: no usable table, {}", slot, error),
@@ -133,7 +133,7 @@ impl Comms {
         }
         let mut parameters = self.parameters.ok_or(Refusal::NoSetup)?;
         parameters.limits = parameters.limits.at_most(DRIVE_LIMIT_NM);
-        let fingerprint = parameters.arm.fingerprint();
+        let fingerprint = Some(parameters.arm.fingerprint());
         let (slot, table) = select_table(slot, |slot| flash_slots::open(slot, fingerprint))?;
         let first_row = table.cursor().reference();
         let inputs = supervisor.lock(|c| c.enable_inputs());
@@ -155,7 +155,7 @@ impl Comms {
             return Err(Refusal::Busy);
         }
         let parameters = ControllerParameters::from(setup);
-        let fingerprint = parameters.arm.fingerprint();
+        let fingerprint = Some(parameters.arm.fingerprint());
         let table = flash_slots::open(slot, fingerprint).map_err(Refusal::Table)?;
         self.prepare(&table, &parameters)?;
         supervisor.lock(|c| c.start_lock_step(&mut self.prepared))?;
