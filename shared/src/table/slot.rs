@@ -3,7 +3,8 @@
 //! A slot is larger than its table; what follows the table is erased flash or the rest of
 //! an older one, and is ignored.
 
-use crate::table::format::{Table, TableError};
+use crate::table::error::TableError;
+use crate::table::format::Table;
 use serde::{Deserialize, Serialize};
 
 /// A place for a table in flash.
