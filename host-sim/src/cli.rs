@@ -394,7 +394,7 @@ fn pil_command(args: &PilArgs) -> Result<(), CliError> {
         .open(Some(image), PORT_PATIENCE, &progress)
         .map_err(PilError::from)?;
     let pil = pil::run(&mut target, plan, image, options, |_| progress.inc(1))?;
-    let parameters = ControllerParameters {
+    let setup = ControllerParameters {
         arm: plan.model.arm,
         law: options.law,
         limits: options.limits,
@@ -402,9 +402,7 @@ fn pil_command(args: &PilArgs) -> Result<(), CliError> {
     let random_differing = match args.random {
         0 => 0,
         // Any seed; this one, so that a difference comes again.
-        count => pil::compare_any(&mut target, image, &parameters, count, 1, |_| {
-            progress.inc(1)
-        })?,
+        count => pil::compare_any(&mut target, image, &setup, count, 1, |_| progress.inc(1))?,
     };
     progress.finish_and_clear();
 

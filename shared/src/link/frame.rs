@@ -56,6 +56,17 @@ impl core::error::Error for FrameTooLong {}
 
 /// Writes a message's frame, ending zero included, and returns its bytes.
 ///
+/// ```
+/// use flexor::link::{FRAME_MAX, Request, encode};
+///
+/// let mut buffer = [0; FRAME_MAX];
+/// let frame = encode(&Request::Status, &mut buffer)?;
+/// // Version, request 1, and four bytes of CRC; a code byte of COBS before, a zero behind.
+/// assert_eq!(frame.len(), 8);
+/// assert_eq!(frame.iter().position(|byte| *byte == 0), Some(7));
+/// # Ok::<(), flexor::link::FrameTooLong>(())
+/// ```
+///
 /// # Errors
 /// [`FrameTooLong`].
 pub fn encode<'b, M: Serialize>(
@@ -72,6 +83,23 @@ pub fn encode<'b, M: Serialize>(
 }
 
 /// Finds messages in a byte stream.
+///
+/// ```
+/// use flexor::link::{FRAME_MAX, Receiver, Request, encode};
+///
+/// let mut buffer = [0; FRAME_MAX];
+/// let frame = encode(&Request::Home, &mut buffer)?;
+/// let mut receiver = Receiver::new();
+/// // The end of a frame whose beginning was missed, then a whole one.
+/// let found: Vec<Request> = [17, 4, 0]
+///     .iter()
+///     .chain(frame)
+///     .filter_map(|byte| receiver.push(*byte))
+///     .collect();
+/// assert_eq!(found, [Request::Home]);
+/// assert_eq!(receiver.errors().stuffing, 1);
+/// # Ok::<(), flexor::link::FrameTooLong>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Receiver {
     buffer: [u8; FRAME_MAX],

@@ -23,6 +23,14 @@ pub enum Elbow {
 }
 
 /// Physical data of the arm, in f64 SI units: what `arm.toml` says.
+///
+/// ```
+/// use flexor::model::ArmParameters;
+///
+/// let heavier = ArmParameters { tip_mass_kg: 0.1, ..ArmParameters::PAPER };
+/// // Another arm: tables that were planned for the paper's do not fit it.
+/// assert_ne!(heavier.fingerprint(), ArmParameters::PAPER.fingerprint());
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ArmParameters {
     /// Length r1 of link 1, joint 1 to joint 2, m.
@@ -150,6 +158,20 @@ pub struct JointMotion<T> {
 }
 
 /// Two-link kinematics (eq. 12-13).
+///
+/// ```
+/// use flexor::model::{ArmParameters, Kinematics};
+///
+/// let arm = ArmParameters::PAPER;
+/// let kinematics = Kinematics::<f64>::new(&arm);
+/// // Where the paper's path begins, m from joint 1: to the right, and down.
+/// let angle = kinematics.inverse([0.7, 0.05], arm.elbow)?;
+/// let tip = kinematics.forward(angle);
+/// assert!((tip[0] - 0.7).abs() < 1e-12 && (tip[1] - 0.05).abs() < 1e-12);
+/// // The arm is 1.05 m long.
+/// assert!(kinematics.inverse([1.2, 0.0], arm.elbow).is_err());
+/// # Ok::<(), flexor::model::KinematicsError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Kinematics<T> {
     /// Length r1 of link 1, m.

@@ -43,6 +43,67 @@ pub struct SupervisorStatus {
 }
 
 /// What the tick and the main loop share.
+///
+/// ```
+/// # use flexor::control::{LawParameters, LimitParameters};
+/// # use flexor::model::ArmParameters;
+/// # use flexor::signals::Reference;
+/// # use flexor::supervisor::ControllerParameters;
+/// # use flexor::table::{Header, Piece, Table, TableWriter, image_bytes};
+/// # let arm = ArmParameters::PAPER;
+/// # let pieces = [Piece { ticks: 10, segments: 1 }];
+/// # let header = Header {
+/// #     arm_fingerprint: arm.fingerprint(),
+/// #     tick_rate_hz: 1000,
+/// #     ticks: 10,
+/// #     first_tick: 0,
+/// #     scaling: [20; 8],
+/// # };
+/// # let mut image = vec![0; image_bytes(&pieces)];
+/// # let mut writer = TableWriter::new(&mut image, &header, &pieces)?;
+/// # for _ in 0..4 {
+/// #     writer.row(&Reference { torque: [5.0, -0.5], ..Reference::default() })?;
+/// # }
+/// # writer.finish()?;
+/// # let parameters = ControllerParameters {
+/// #     arm,
+/// #     law: LawParameters::FEEDFORWARD,
+/// #     limits: LimitParameters { torque_nm: [20.0, 2.0], torque_rate_nm_s: [1e4, 1e3] },
+/// # };
+/// use flexor::fault::Fault;
+/// use flexor::link::RawSample;
+/// use flexor::supervisor::{Calibration, ControllerSlot, MemoryBoard, SafetyLimits, Supervisor};
+///
+/// let calibration = Calibration {
+///     encoder_rad: [1e-3; 2],
+///     home_rad: [0.0; 2],
+///     force_n: (0.01, 2048.0),
+///     slope_rad: (1e-4, 2048.0),
+///     range: (16, 4079),
+/// };
+/// let limits = SafetyLimits { start_rad: [0.01; 3], link_timeout_ticks: 100 };
+/// let sample = RawSample { force: 2048, strain: 2048, fresh: true, ..RawSample::default() };
+/// let mut board = MemoryBoard::new(sample);
+/// let (mut running, mut next) = (None, None);
+/// let slot = ControllerSlot::new(&mut running);
+/// let mut supervisor = Supervisor::new(&mut board, slot, &limits, &calibration, 1000);
+///
+/// // `parameters` are for a feedforward of 5 N m and -0.5 N m, which `image` holds.
+/// let table = Table::open(&image)?;
+/// let mut prepared = ControllerSlot::new(&mut next);
+/// prepared.put(parameters.controller(&table)?);
+/// supervisor.enable(&mut prepared)?;
+/// supervisor.tick(&mut board);
+/// let torque = board.torque.expect("the drives are on");
+/// assert!((torque[0] - 5.0).abs() < 1e-5 && (torque[1] + 0.5).abs() < 1e-5);
+///
+/// // The next tick after the emergency stop switches off, and says why.
+/// board.interlocks.estop_released = false;
+/// supervisor.tick(&mut board);
+/// assert_eq!(board.torque, None);
+/// assert_eq!(supervisor.status().fault, Some(Fault::EmergencyStop));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Supervisor<'a> {
     state: State,

@@ -234,6 +234,35 @@ fn checked_rows(pieces: &[[u8; PIECE_BYTES]], ticks: u32) -> Result<i64, TableEr
 }
 
 /// A checked table, read in place.
+///
+/// ```
+/// # use flexor::signals::Reference;
+/// # use flexor::table::{Header, Piece, Table, TableWriter, image_bytes};
+/// # let pieces = [Piece { ticks: 10, segments: 1 }];
+/// # let header = Header {
+/// #     arm_fingerprint: 7, tick_rate_hz: 1000, ticks: 10, first_tick: 0, scaling: [20; 8],
+/// # };
+/// # let mut image = vec![0; image_bytes(&pieces)];
+/// # let mut writer = TableWriter::new(&mut image, &header, &pieces)?;
+/// # for _ in 0..4 {
+/// #     writer.row(&Reference { torque: [5.0, -0.5], ..Reference::default() })?;
+/// # }
+/// # writer.finish()?;
+/// // `image` holds ten ticks of constant torques 5 N m and -0.5 N m.
+/// let table = Table::open(&image)?;
+/// let mut cursor = table.cursor::<f32>();
+/// while !cursor.at_end() {
+///     let [torque1, torque2] = cursor.reference().torque;
+///     assert!((torque1 - 5.0).abs() < 1e-5 && (torque2 + 0.5).abs() < 1e-5);
+///     cursor.advance();
+/// }
+/// assert_eq!(cursor.tick(), 10);
+///
+/// // A table that has suffered is refused.
+/// image[60] ^= 1;
+/// assert!(Table::open(&image).is_err());
+/// # Ok::<(), flexor::table::TableError>(())
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Table<'a> {
     pub(super) header: Header,

@@ -25,6 +25,32 @@ pub fn scaling_for(magnitude: f64) -> i8 {
 }
 
 /// Writes a table image into a buffer, row by row.
+///
+/// ```
+/// use flexor::model::ArmParameters;
+/// use flexor::signals::Reference;
+/// use flexor::table::{Header, Piece, Table, TableWriter, image_bytes, scaling_for};
+///
+/// // Ten ticks of constant torques. One spline segment has four knots; equal ones are a
+/// // constant.
+/// let pieces = [Piece { ticks: 10, segments: 1 }];
+/// let header = Header {
+///     arm_fingerprint: ArmParameters::PAPER.fingerprint(),
+///     tick_rate_hz: 1000,
+///     ticks: 10,
+///     first_tick: 0,
+///     scaling: [scaling_for(5.0); 8],
+/// };
+/// let mut image = vec![0; image_bytes(&pieces)];
+/// let mut writer = TableWriter::new(&mut image, &header, &pieces)?;
+/// for _ in 0..pieces[0].rows() {
+///     writer.row(&Reference { torque: [5.0, -0.5], ..Reference::default() })?;
+/// }
+/// writer.finish()?;
+///
+/// assert_eq!(Table::open(&image)?.header(), &header);
+/// # Ok::<(), flexor::table::TableError>(())
+/// ```
 #[derive(Debug)]
 pub struct TableWriter<'b> {
     buffer: &'b mut [u8],
