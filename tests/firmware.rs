@@ -237,7 +237,7 @@ fn it_starts_disabled_with_its_table_and_says_so() {
 
 #[test]
 #[ignore = "needs the image: cargo xtask test"]
-fn without_released_stop_it_does_not_arm() {
+fn without_released_stop_it_does_not_enable() {
     // QEMU's inputs read 0: the stop is pressed.
     let good = table();
     let mut target = boot(untouched, Some(&good));

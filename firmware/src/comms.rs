@@ -14,6 +14,15 @@ use flexor::supervisor::{
 use flexor::table::{Slot, Table, TableIdentity};
 use rtic::Mutex;
 
+/// What the line from the host has lost since start.
+#[derive(Clone, Copy)]
+pub struct LineErrors {
+    /// Frames that were dropped.
+    pub frames: FrameErrors,
+    /// Bytes that overran the line or the receive queue.
+    pub bytes_lost: u32,
+}
+
 /// State of the request handler, in the main loop at priority 0.
 pub struct Comms {
     parameters: Option<ControllerParameters>,
@@ -69,20 +78,20 @@ impl Comms {
         })
     }
 
-    /// Executes a request and returns its reply. `lost` are the line's errors so far; `pend`
-    /// triggers the tick's interrupt.
+    /// Executes a request and returns its reply. `line` is what was lost so far;
+    /// `pend` triggers the tick's interrupt.
     pub fn answer(
         &mut self,
         request: &Request,
         supervisor: &mut impl Mutex<T = Supervisor<'static>>,
-        lost: (FrameErrors, u32),
+        line: LineErrors,
         pend: impl Fn(),
     ) -> Reply {
         supervisor.lock(Supervisor::link_alive);
         let done = match *request {
             Request::Hello => return self.identity(),
-            Request::Status => return status(supervisor, lost),
-            Request::Sensors => return Reply::Sensors(supervisor.lock(|c| c.sensors())),
+            Request::Status => return status(supervisor, line),
+            Request::Sensors => return Reply::Sensors(supervisor.lock(|s| s.sensors())),
             Request::Enable { slot } => match self.enable(slot, supervisor) {
                 Ok((slot, table)) => return Reply::Enabled { slot, table },
                 Err(refusal) => Err(refusal),
@@ -106,10 +115,10 @@ impl Comms {
             }
             Request::StopLockStep => supervisor.lock(Supervisor::stop_lock_step).map(|()| pend()),
             Request::Measured { sequence, measured } => {
-                if supervisor.lock(|c| c.post_measurement(sequence, measured)) {
+                if supervisor.lock(|s| s.post_measurement(sequence, measured)) {
                     // The tick comes at once, being of higher priority.
                     pend();
-                    return Reply::Command(supervisor.lock(|c| c.last_reply()));
+                    return Reply::Command(supervisor.lock(|s| s.last_reply()));
                 }
                 Err(Refusal::NotInLockStep)
             }
@@ -128,7 +137,7 @@ impl Comms {
         slot: Option<Slot>,
         supervisor: &mut impl Mutex<T = Supervisor<'static>>,
     ) -> Result<(Slot, TableIdentity), Refusal> {
-        if supervisor.lock(|c| c.status().mode) != Mode::Disabled {
+        if supervisor.lock(|s| s.status().mode) != Mode::Disabled {
             return Err(Refusal::Busy);
         }
         let mut parameters = self.parameters.ok_or(Refusal::NoSetup)?;
@@ -136,11 +145,11 @@ impl Comms {
         let fingerprint = Some(parameters.arm.fingerprint());
         let (slot, table) = select_table(slot, |slot| flash_slots::open(slot, fingerprint))?;
         let first_row = table.cursor().reference();
-        let inputs = supervisor.lock(|c| c.enable_inputs());
+        let inputs = supervisor.lock(|s| s.enable_inputs());
         check_enable(&SAFETY, &inputs, &first_row)?;
         check_torque_bound(table.torque_bound(), &parameters.limits)?;
         self.prepare(&table, &parameters)?;
-        supervisor.lock(|c| c.enable(&mut self.prepared))?;
+        supervisor.lock(|s| s.enable(&mut self.prepared))?;
         defmt::info!("enabled, slot {}: table {=u32:#x}", slot, table.crc());
         Ok((slot, TableIdentity::from(&table)))
     }
@@ -151,14 +160,14 @@ impl Comms {
         setup: &Setup,
         supervisor: &mut impl Mutex<T = Supervisor<'static>>,
     ) -> Result<TableIdentity, Refusal> {
-        if supervisor.lock(|c| c.status().mode) == Mode::Enabled {
+        if supervisor.lock(|s| s.status().mode) == Mode::Enabled {
             return Err(Refusal::Busy);
         }
         let parameters = ControllerParameters::from(setup);
         let fingerprint = Some(parameters.arm.fingerprint());
         let table = flash_slots::open(slot, fingerprint).map_err(Refusal::Table)?;
         self.prepare(&table, &parameters)?;
-        supervisor.lock(|c| c.start_lock_step(&mut self.prepared))?;
+        supervisor.lock(|s| s.start_lock_step(&mut self.prepared))?;
         Ok(TableIdentity::from(&table))
     }
 
@@ -176,14 +185,15 @@ impl Comms {
     }
 }
 
-fn status(supervisor: &mut impl Mutex<T = Supervisor<'static>>, lost: (FrameErrors, u32)) -> Reply {
+/// How the board is: the supervisor's status, and what only the board knows.
+fn status(supervisor: &mut impl Mutex<T = Supervisor<'static>>, line: LineErrors) -> Reply {
     let SupervisorStatus {
         mode,
         tick,
         fault,
         ticks_total,
         counts_max,
-    } = supervisor.lock(|c| c.status());
+    } = supervisor.lock(|s| s.status());
     Reply::Status(Status {
         mode,
         tick,
@@ -191,8 +201,8 @@ fn status(supervisor: &mut impl Mutex<T = Supervisor<'static>>, lost: (FrameErro
         ticks_total,
         counts_max,
         stack_bytes: stack::deepest(),
-        frame_errors: lost.0,
-        bytes_lost: lost.1,
+        frame_errors: line.frames,
+        bytes_lost: line.bytes_lost,
         logs_lost: log::lost(),
     })
 }

@@ -1,5 +1,4 @@
-//! Flexor's firmware: the control tick of `shared`, fed by a board or, in lock-step, by a
-//! host.
+//! Flexor's firmware: the supervisor's tick, fed by a board or, in lock-step, by a host.
 //!
 //! | priority | what | where |
 //! |---|---|---|
@@ -40,7 +39,7 @@ mod app {
         CALIBRATION, RECEIVE_QUEUE, SAFETY, TICK_RATE_HZ, TRANSMIT_QUEUE, WAKE_CYCLES,
     };
     use crate::board::{Peripherals, Serial, TickBoard, Watchdog};
-    use crate::comms::Comms;
+    use crate::comms::{Comms, LineErrors};
     use crate::{calibrate, comms, crash_record, log, stack};
     use cortex_m::peripheral::syst::SystClkSource;
     use flexor::control::Controller;
@@ -206,16 +205,16 @@ mod app {
                 continue;
             };
             if let Some(request) = receiver.push::<Request>(byte) {
-                let lost = context.shared.bytes_lost.lock(|count| *count);
-                let reply =
-                    local
-                        .comms
-                        .answer(&request, supervisor, (receiver.errors(), lost), || {
-                            rtic::pend(Interrupt::TIM2);
-                            // Taken before anything that follows.
-                            cortex_m::asm::dsb();
-                            cortex_m::asm::isb();
-                        });
+                let line = LineErrors {
+                    frames: receiver.errors(),
+                    bytes_lost: context.shared.bytes_lost.lock(|count| *count),
+                };
+                let reply = local.comms.answer(&request, supervisor, line, || {
+                    rtic::pend(Interrupt::TIM2);
+                    // Taken before anything that follows.
+                    cortex_m::asm::dsb();
+                    cortex_m::asm::isb();
+                });
                 send(to_host, &reply);
             }
         }

@@ -2,8 +2,7 @@
 //!
 //! The law's and the limits' parameters have structs of their own here, whose fields are the
 //! wire's bytes in their order: the control law's structs may change without the wire. The
-//! supervisor converts between them
-//! ([`ControllerParameters`](crate::supervisor::ControllerParameters)).
+//! supervisor, above, converts between them.
 
 use crate::CRC32;
 use crate::link::frame::FrameTooLong;
