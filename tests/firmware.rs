@@ -8,6 +8,7 @@ use flexor::link::{
     ClockSource, FRAME_MAX, Mode, RawSample, Refusal, Reply, Request, Setup, StartReason, encode,
 };
 use flexor::signals::Measurement;
+use flexor::supervisor::ControllerParameters;
 use flexor::table::{Slot, SlotError};
 use flexor_sim::target::pil::compare_any;
 use flexor_sim::target::{Emulation, Logs, Target, TargetError};
@@ -22,8 +23,8 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 /// The arm of the default image's table, and feedback that uses every term of the law.
-fn setup() -> Setup {
-    Setup {
+fn parameters() -> ControllerParameters {
+    ControllerParameters {
         arm: flexor_tests::paper_arm(),
         law: LawParameters {
             force_derivative_s: 0.01,
@@ -39,6 +40,11 @@ fn setup() -> Setup {
             torque_rate_nm_s: [4000.0, 400.0],
         },
     }
+}
+
+/// The same as the link carries it.
+fn setup() -> Setup {
+    Setup::from(&parameters())
 }
 
 fn elf() -> PathBuf {
@@ -201,7 +207,7 @@ fn seal(table: &mut [u8]) {
 }
 
 /// A request to enable the drives with any slot's table.
-const ARM: Request = Request::Enable { slot: None };
+const ENABLE: Request = Request::Enable { slot: None };
 
 fn ask(target: &mut Target, request: Request) -> Reply {
     target.ask(&request, "reply").unwrap()
@@ -231,7 +237,7 @@ fn it_starts_disabled_with_its_table_and_says_so() {
 
 #[test]
 #[ignore = "needs the image: cargo xtask test"]
-fn without_released_stop_it_does_not_arm() {
+fn without_released_stop_it_does_not_enable() {
     // QEMU's inputs read 0: the stop is pressed.
     let good = table();
     let mut target = boot(untouched, Some(&good));
@@ -249,7 +255,7 @@ fn without_released_stop_it_does_not_arm() {
     let mut target = boot(|table| table[0] ^= 1, Some(&good));
     assert_eq!(ask(&mut target, Request::Enable { slot: a }), refused);
     assert_eq!(ask(&mut target, Request::Enable { slot: b }), stop);
-    assert_eq!(ask(&mut target, ARM), stop);
+    assert_eq!(ask(&mut target, ENABLE), stop);
 }
 
 #[test]
@@ -322,7 +328,7 @@ fn a_bad_table_is_named_and_the_other_slot_used() {
         let mut alone = boot(change, None);
         assert_eq!(alone.identity().slots[0], Err(error));
         let refused = Reply::Refused(Refusal::NoTable(error, SlotError::Magic));
-        assert_eq!(ask(&mut alone, ARM), refused);
+        assert_eq!(ask(&mut alone, ENABLE), refused);
         assert!(matches!(
             alone.start(Slot::A, &setup()),
             Err(TargetError::Refused(Refusal::Table(found))) if found == error
@@ -332,7 +338,7 @@ fn a_bad_table_is_named_and_the_other_slot_used() {
         assert!(with_b.identity().slots[1].is_ok());
         // Past the table, to the next thing that is missing.
         let refused = Reply::Refused(Refusal::Cause(Fault::EmergencyStop));
-        assert_eq!(ask(&mut with_b, ARM), refused);
+        assert_eq!(ask(&mut with_b, ENABLE), refused);
         with_b.start(Slot::B, &setup()).unwrap();
     }
 }
@@ -341,7 +347,7 @@ fn a_bad_table_is_named_and_the_other_slot_used() {
 #[ignore = "needs the image: cargo xtask test"]
 fn any_measurement_gives_the_same_command_as_on_the_host() {
     let mut target = boot(untouched, None);
-    let differing = compare_any(&mut target, &table(), &setup(), 2000, 7, |_| {}).unwrap();
+    let differing = compare_any(&mut target, &table(), &parameters(), 2000, 7, |_| {}).unwrap();
     assert_eq!(differing, 0);
 }
 
@@ -359,7 +365,7 @@ fn lock_step_begins_and_ends_on_request() {
     assert_eq!(ask(&mut target, Request::StopLockStep), refused);
     for end in [Request::StopLockStep, Request::Disable] {
         target.start(Slot::A, &setup()).unwrap();
-        assert_eq!(ask(&mut target, ARM), Reply::Refused(Refusal::Busy));
+        assert_eq!(ask(&mut target, ENABLE), Reply::Refused(Refusal::Busy));
         for sequence in 0..3 {
             let reply = target.tick(sequence, &measured).unwrap();
             assert_eq!(reply.tick, sequence);
@@ -497,7 +503,7 @@ fn the_log_comes_decoded_over_the_link() {
     let (mut bytes, range) = image();
     bytes[range.start] ^= 1;
     let mut target = boot_logged(&bytes, None, &folder, Some(logs));
-    ask(&mut target, ARM);
+    ask(&mut target, ENABLE);
     let has = |words: &str| lines.borrow().iter().any(|line| line.contains(words));
     // The log may lag behind the answers.
     let deadline = Instant::now() + Duration::from_secs(60);

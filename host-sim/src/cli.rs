@@ -25,7 +25,7 @@ use crate::target::{Target, TargetError, pil};
 use crate::text::{Shortest, four_digits, round_away_from_zero};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use flexor::control::LawParameters;
-use flexor::link::Setup;
+use flexor::supervisor::ControllerParameters;
 use flexor::table::TableError;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
@@ -394,7 +394,7 @@ fn pil_command(args: &PilArgs) -> Result<(), CliError> {
         .open(Some(image), PORT_PATIENCE, &progress)
         .map_err(PilError::from)?;
     let pil = pil::run(&mut target, plan, image, options, |_| progress.inc(1))?;
-    let setup = Setup {
+    let setup = ControllerParameters {
         arm: plan.model.arm,
         law: options.law,
         limits: options.limits,

@@ -5,6 +5,7 @@ use crate::setup::{TARGET, Toolchain};
 use crate::{image, inputs, output, root, run};
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
+use flexor::link::Setup;
 use flexor::table::Table;
 use flexor_sim::target::{SLOT_ADDRESSES, SLOT_BYTES};
 use std::path::{Path, PathBuf};
@@ -25,6 +26,7 @@ fn cargo(verb: &str, files: &Files) -> Result<Command> {
     fs::create_dir_all(&out)?;
     let Demo { table, setup, .. } = inputs::plan_files(files)?;
     let mut buffer = [0; 256];
+    let setup = Setup::from(&setup);
     let setup = setup.encode(&mut buffer)?;
     let mut command = toolchain.command("cargo");
     command

@@ -2,8 +2,7 @@
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use flexor::link::Setup;
-use flexor::supervisor::check_torque_bound;
+use flexor::supervisor::{ControllerParameters, check_torque_bound};
 use flexor::table::Table;
 use flexor_sim::files::config;
 use flexor_sim::planner::limits::default_limits;
@@ -39,7 +38,7 @@ pub(crate) struct Demo {
     /// Its table.
     pub(crate) table: EncodedTable,
     /// Arm, gains and limits.
-    pub(crate) setup: Setup,
+    pub(crate) setup: ControllerParameters,
 }
 
 /// The example task, planned.
@@ -76,7 +75,7 @@ pub(crate) fn plan_files(files: &Files) -> Result<Demo> {
         bytes <= SLOT_BYTES,
         "the table has {bytes} bytes, a slot takes {SLOT_BYTES}: a shorter duration_s is accepted"
     );
-    let setup = Setup {
+    let setup = ControllerParameters {
         arm: arm.arm,
         law,
         limits,
@@ -86,7 +85,7 @@ pub(crate) fn plan_files(files: &Files) -> Result<Demo> {
 
 /// How the demo runs: against an arm of a tenth less stiffness, so that the feedback
 /// has work to do.
-pub(crate) fn options(setup: &Setup) -> RunOptions {
+pub(crate) fn options(setup: &ControllerParameters) -> RunOptions {
     RunOptions {
         law: setup.law,
         limits: setup.limits,

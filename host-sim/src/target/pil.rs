@@ -7,10 +7,11 @@
 use crate::planner::plan::Plan;
 use crate::simulation::closed_loop::{Run, RunError, RunOptions, run_through};
 use crate::target::target::{Target, TargetError};
-use flexor::control::{Command, Controller};
+use flexor::control::Command;
 use flexor::link::{Refusal, Setup, Status, TickReply};
 use flexor::signals::{Measurement, Saturation};
-use flexor::table::{Slot, Table, TableError, TableIdentity};
+use flexor::supervisor::ControllerParameters;
+use flexor::table::{Slot, Table, TableIdentity};
 use std::time::Instant;
 
 /// Why a processor in the loop could not be run.
@@ -130,12 +131,12 @@ pub fn run(
     options: &RunOptions,
     mut progress: impl FnMut(usize),
 ) -> Result<PilRun, PilError> {
-    let setup = Setup {
+    let parameters = ControllerParameters {
         arm: plan.model.arm,
         law: options.law,
         limits: options.limits,
     };
-    let slot = start_with(target, image, &setup)?;
+    let slot = start_with(target, image, &Setup::from(&parameters))?;
     let begun = Instant::now();
     let mut counts = Vec::with_capacity(plan.points.len());
     let mut differing_commands = 0;
@@ -188,17 +189,15 @@ pub fn run(
 pub fn compare_any(
     target: &mut Target,
     image: &[u8],
-    setup: &Setup,
+    parameters: &ControllerParameters,
     count: u32,
     seed: u64,
     mut progress: impl FnMut(u32),
 ) -> Result<u32, PilError> {
     let table = Table::open(image).map_err(RunError::from)?;
-    let new = || -> Result<_, TableError> {
-        Controller::<f32>::new(&table, &setup.arm, &setup.law, &setup.limits)
-    };
-    let mut controller = new().map_err(RunError::from)?;
-    let slot = start_with(target, image, setup)?;
+    let mut controller = parameters.controller(&table).map_err(RunError::from)?;
+    let setup = Setup::from(parameters);
+    let slot = start_with(target, image, &setup)?;
     let mut random = SplitMix(seed);
     let mut differing = 0;
     for sequence in 0..count {
@@ -208,7 +207,7 @@ pub fn compare_any(
         differing += u32::from(!same(&reply, &command));
         if command.fault.is_some() || reply.fault.is_some() {
             controller.restart();
-            target.start(slot, setup)?;
+            target.start(slot, &setup)?;
         }
         progress(sequence);
     }

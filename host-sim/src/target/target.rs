@@ -7,7 +7,7 @@
 use defmt_decoder::{Locations, Table as LogTable};
 use flexor::link::Refusal;
 use flexor::link::{
-    FRAME_MAX, FrameErrors, Identity, LogEntry, Receiver, Reply, Request, Setup, StartReason,
+    BAUD, FRAME_MAX, FrameErrors, Identity, LogEntry, Receiver, Reply, Request, Setup, StartReason,
     Status, encode,
 };
 use flexor::link::{SensorReport, TickReply};
@@ -32,9 +32,6 @@ pub const SLOT_BYTES: usize = 128 * 1024;
 
 /// Where `cargo xtask firmware` leaves the image, seen from the project's top folder.
 pub const DEFAULT_ELF: &str = "target/firmware/thumbv7em-none-eabihf/release/firmware";
-
-/// Baud rate of a real board's link.
-pub const BAUD: u32 = 1_000_000;
 
 /// Longest wait for a reply from QEMU. It answers within milliseconds and starts within a
 /// second; the rest is for machines with much else to do.
