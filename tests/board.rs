@@ -314,11 +314,11 @@ fn the_sensors_are_followed_in_lines_until_the_signal() {
 }
 
 #[test]
-fn an_enabled_table_is_attended_to_its_end_and_disarmed() {
+fn an_enabled_table_is_attended_to_its_end_and_disabled() {
     for (arguments, slot) in [
-        (&["arm"][..], None),
-        (&["arm", "--slot", "a"], Some(Slot::A)),
-        (&["arm", "--slot", "b"], Some(Slot::B)),
+        (&["enable"][..], None),
+        (&["enable", "--slot", "a"], Some(Slot::A)),
+        (&["enable", "--slot", "b"], Some(Slot::B)),
     ] {
         let board = Fake::good();
         let output = board.run(arguments);
@@ -337,7 +337,7 @@ fn an_enabled_table_is_attended_to_its_end_and_disarmed() {
         expected.push(Request::Disable);
         assert_eq!(board.asked(), expected);
     }
-    let end = Fake::good().json(&["arm"]);
+    let end = Fake::good().json(&["enable"]);
     assert_eq!(
         (&end["outcome"], &end["slot"]),
         (&"completed".into(), &"A".into())
@@ -363,9 +363,9 @@ fn a_fault_on_the_way_is_named_and_a_failure() {
         "fault 18 (sensors_stale) after tick 20 of 50",
         "board acknowledge",
     ];
-    failed(&board.run(&["arm"]), &words);
+    failed(&board.run(&["enable"]), &words);
     assert_eq!(board.asked().last(), Some(&Request::Disable));
-    let output = fault().run(&["arm", "--json"]);
+    let output = fault().run(&["enable", "--json"]);
     failed(&output, &words);
     let end: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(end["outcome"], "fault");
@@ -374,7 +374,7 @@ fn a_fault_on_the_way_is_named_and_a_failure() {
 }
 
 #[test]
-fn a_refusal_is_told_and_nothing_is_to_be_disarmed() {
+fn a_refusal_is_told_and_nothing_is_to_be_disabled() {
     let mut board = Board::NEW;
     let refusal = Refusal::AwayFromStart {
         deviation_rad: [0.5, -0.25, 0.0],
@@ -383,21 +383,21 @@ fn a_refusal_is_told_and_nothing_is_to_be_disarmed() {
         Request::Enable { .. } => Some(Reply::Refused(refusal)),
         other => Some(board.answer(other)),
     });
-    let output = board.run(&["arm"]);
+    let output = board.run(&["enable"]);
     failed(&output, &["refused", "[0.5, -0.25, 0.0] rad", "first row"]);
     assert!(output.stdout.is_empty());
-    let arm = Request::Enable { slot: None };
-    assert_eq!(board.asked(), [arm, Request::Status]);
+    let enable = Request::Enable { slot: None };
+    assert_eq!(board.asked(), [enable, Request::Status]);
 }
 
 #[test]
-fn a_signal_disarms() {
+fn a_signal_disables() {
     let mut board = Board {
         pace: 0,
         ..Board::NEW
     };
     let board = Fake::new(move |request| Some(board.answer(request)));
-    let mut child = board.start(&["arm"]);
+    let mut child = board.start(&["enable"]);
     board.until_asked(10, &mut child);
     interrupt(&child);
     failed(
@@ -418,7 +418,7 @@ fn a_board_that_starts_again_or_is_disabled_by_another_ends_the_run() {
     };
     let again = run(|_| Reply::Identity(IDENTITY));
     failed(
-        &again.run(&["arm"]),
+        &again.run(&["enable"]),
         &["started again", "the watchdog was not fed", "disabled"],
     );
     assert_eq!(again.asked().last(), Some(&Request::Disable));
@@ -427,7 +427,7 @@ fn a_board_that_starts_again_or_is_disabled_by_another_ends_the_run() {
         board.answer(&Request::Status)
     });
     failed(
-        &other.run(&["arm"]),
+        &other.run(&["enable"]),
         &["somebody else disabled it after tick 20"],
     );
 }
@@ -440,7 +440,7 @@ fn a_board_that_falls_silent_is_disabled_if_it_still_hears() {
         Request::Status if board.mode == Mode::Enabled => None,
         other => Some(board.answer(other)),
     });
-    let output = deaf.start(&["arm", "--timeout-s", "0.3"]);
+    let output = deaf.start(&["enable", "--timeout-s", "0.3"]);
     let output = output.wait_with_output().unwrap();
     failed(
         &output,
@@ -454,7 +454,7 @@ fn a_board_that_falls_silent_is_disabled_if_it_still_hears() {
         Mode::Enabled => None,
         _ => Some(board.answer(request)),
     });
-    let output = dead.start(&["arm", "--timeout-s", "0.3"]);
+    let output = dead.start(&["enable", "--timeout-s", "0.3"]);
     let output = output.wait_with_output().unwrap();
     failed(
         &output,
@@ -464,13 +464,13 @@ fn a_board_that_falls_silent_is_disabled_if_it_still_hears() {
 }
 
 #[test]
-fn an_answer_to_arm_that_gets_lost_is_followed_by_disarming() {
+fn an_answer_to_enable_that_gets_lost_is_followed_by_disabling() {
     let mut board = Board::NEW;
     let board = Fake::new(move |request| {
         let reply = board.answer(request);
         (!matches!(request, Request::Enable { .. })).then_some(reply)
     });
-    let output = board.start(&["arm", "--timeout-s", "0.3"]);
+    let output = board.start(&["enable", "--timeout-s", "0.3"]);
     failed(&output.wait_with_output().unwrap(), &["no answer"]);
     let asked = board.asked();
     assert_eq!(asked, [Request::Enable { slot: None }, Request::Disable]);
@@ -508,7 +508,7 @@ fn silence_and_other_speech_are_told_apart() {
 }
 
 #[test]
-fn home_disarm_and_acknowledge_say_how_it_then_is() {
+fn home_disable_and_acknowledge_say_how_it_then_is() {
     let mut board = Board {
         mode: Mode::Enabled,
         fault: Some(Fault::Drive),
@@ -543,7 +543,7 @@ fn a_wrong_command_line_is_code_2() {
     for arguments in [
         &[][..],
         &["fly"],
-        &["arm", "--slot", "c"],
+        &["enable", "--slot", "c"],
         &["status", "--timeout-s", "0"],
         &["identity", "--port", "/nowhere/tty"],
         &["identity", "--elf", "/nowhere/firmware"],
@@ -556,7 +556,7 @@ fn a_wrong_command_line_is_code_2() {
         "identity",
         "status",
         "sensors",
-        "arm",
+        "enable",
         "home",
         "disable",
         "acknowledge",
@@ -611,11 +611,11 @@ fn the_image_in_qemu_answers_every_verb() {
     }
     for (arguments, reason) in [
         (
-            &["arm"][..],
+            &["enable"][..],
             "the cause of fault 16 (emergency_stop) is there",
         ),
-        (&["arm", "--slot", "a"], "fault 16 (emergency_stop)"),
-        (&["arm", "--slot", "b"], "the slot holds no table"),
+        (&["enable", "--slot", "a"], "fault 16 (emergency_stop)"),
+        (&["enable", "--slot", "b"], "the slot holds no table"),
     ] {
         let (code, words, log) = emulated(arguments);
         assert_eq!((code, &*words), (1, ""));

@@ -15,7 +15,7 @@ use flexor_sim::target::SLOT_BYTES;
 use std::path::PathBuf;
 
 /// The control rate of the firmware's timer, Hz: `TICK_RATE_HZ` of
-/// `firmware/src/board/constants.rs`.
+/// `firmware/src/board/stm32f405/constants.rs`.
 pub(crate) const TICK_RATE_HZ: u32 = 5000;
 
 /// The files that an image is built from.
@@ -163,7 +163,7 @@ mod tests {
 
     #[test]
     fn the_rate_is_the_firmwares() {
-        let file = crate::root().join("firmware/src/board/constants.rs");
+        let file = crate::root().join("firmware/src/board/stm32f405/constants.rs");
         let text = std::fs::read_to_string(file).unwrap();
         let stated = text
             .lines()
