@@ -1,17 +1,17 @@
 //! The command `accuracy`.
 
-use super::{
-    CliError, Common, Output, controller, export, json, print, print_facts, progress_bar, report,
-};
+use super::{CliError, Common, Output, controller, print, print_facts, progress_bar};
 use crate::analysis::fixed_point::accuracy::{Accuracy, Errors};
 use crate::analysis::fixed_point::range::Analysis;
 use crate::analysis::fixed_point::{accuracy, range};
+use crate::files::export;
 use crate::plant::Start;
+use crate::report;
 use crate::simulation::cases;
 use crate::simulation::closed_loop::RunOptions;
 use crate::text::four_digits;
 use clap::Args;
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 
 #[derive(Args)]

@@ -20,7 +20,7 @@ use std::io::Read;
 use std::path::Path;
 
 pub use arm::{ArmConfig, parse_arm};
-pub use controller::{DERIVATIVE_FILTER_HZ, parse_controller};
+pub use controller::{DERIVATIVE_FILTER_HZ, controller_toml, parse_controller};
 pub use plant::parse_plant;
 pub use spread::parse_spread;
 pub use task::parse_task;
