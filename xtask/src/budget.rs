@@ -94,7 +94,8 @@ pub(crate) fn budget(options: &Options) -> Result<()> {
     };
     let mut target = Target::emulated(&emulation, None)?;
     let options_of_run = inputs::options(&setup);
-    let run = pil::run(&mut target, &plan, &table.image, &options_of_run, |_| {})?;
+    let go_on = |_| std::ops::ControlFlow::Continue(());
+    let run = pil::run(&mut target, &plan, &table.image, &options_of_run, go_on)?;
     ensure!(
         run.slot == Slot::A,
         "the image's own table is not in slot A"

@@ -92,6 +92,8 @@ pub(super) enum CliError {
         "{differing} of {count} commands for arbitrary measurements differ from the simulator's"
     )]
     RandomDiffers { differing: u32, count: u32 },
+    #[error("signals cannot be caught, so nothing is begun that must be ended in order: {0}")]
+    Signals(#[from] ctrlc::Error),
     #[error("standard output: {0}")]
     Stdout(io::Error),
 }
@@ -144,6 +146,7 @@ impl CliError {
             | Self::Pil(_)
             | Self::Differs { .. }
             | Self::RandomDiffers { .. }
+            | Self::Signals(_)
             | Self::Stdout(_) => 1,
             Self::Fast(error) => error.exit_code(),
         }
@@ -168,8 +171,6 @@ pub(super) enum BoardError {
         "it did not confirm to be disabled ({0}); an enabled board stops by itself 100 ms after the last request"
     )]
     NotDisabled(TargetError),
-    #[error("signals cannot be caught, so it is not enabled: {0}")]
-    Signals(io::Error),
 }
 
 impl BoardError {

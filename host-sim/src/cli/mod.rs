@@ -14,6 +14,7 @@ mod output;
 mod pil;
 mod plan;
 mod run;
+mod signals;
 
 use self::error::{BoardError, CliError};
 use self::output::{Output, print, print_facts, progress_bar, results, say};

@@ -2,16 +2,18 @@
 
 use super::connection::{ConnectionArgs, firmware_version};
 use super::run::{Simulation, SimulationArgs};
-use super::{CliError, Output};
+use super::signals::stop_flag;
+use super::{CliError, Output, progress_bar};
 use crate::files::export;
 use crate::target::pil::{PilError, PilRun};
 use crate::target::{Target, pil};
 use clap::Args;
 use flexor::link::Setup;
-use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
 use std::io::Write;
+use std::ops::ControlFlow;
 use std::path::PathBuf;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 #[derive(Args)]
@@ -31,6 +33,7 @@ pub(super) struct PilArgs {
 /// Longest wait of `pil` for a board's answer. A run is not lost to a hiccup of the line.
 const PORT_PATIENCE: Duration = Duration::from_secs(10);
 
+/// Runs the task with the firmware, compares its commands, and reports.
 pub(super) fn pil_command(args: &PilArgs) -> Result<(), CliError> {
     let simulation = args.simulation.prepare()?;
     let Simulation {
@@ -41,26 +44,43 @@ pub(super) fn pil_command(args: &PilArgs) -> Result<(), CliError> {
     // Before the run: a board that lacks the table wants this file.
     output.write("table.bin", |w| w.write_all(image))?;
 
-    let progress = ProgressBar::new(plan.points.len() as u64 + u64::from(args.random));
-    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} ticks, {eta} left") {
-        progress.set_style(style);
-    }
-    let mut target = args
-        .connection
-        .open(Some(image), PORT_PATIENCE, &progress)
-        .map_err(PilError::from)?;
-    let pil = pil::run(&mut target, plan, image, options, |_| progress.inc(1))?;
-    let setup = Setup {
-        arm: plan.model.arm,
-        law: options.law,
-        limits: options.limits,
+    let stop = stop_flag()?;
+    let all = plan.points.len() + args.random as usize;
+    let progress = progress_bar(all as u64, "ticks, {eta} left");
+    let go_on = || {
+        progress.inc(1);
+        match stop.load(Ordering::Relaxed) {
+            true => ControlFlow::Break(()),
+            false => ControlFlow::Continue(()),
+        }
     };
-    let random_differing = match args.random {
-        0 => 0,
-        // Any seed; this one, so that a difference comes again.
-        count => pil::compare_any(&mut target, image, &setup, count, 1, |_| progress.inc(1))?,
+    let compare = || -> Result<_, PilError> {
+        let mut target = args
+            .connection
+            .open(Some(image), PORT_PATIENCE, &progress)?;
+        let pil = pil::run(&mut target, plan, image, options, |_| go_on())?;
+        let setup = Setup {
+            arm: plan.model.arm,
+            law: options.law,
+            limits: options.limits,
+        };
+        let random_differing = match args.random {
+            0 => 0,
+            // Any seed; this one, so that a difference comes again.
+            count => pil::compare_any(&mut target, image, &setup, count, 1, |_| go_on())?,
+        };
+        Ok((target, pil, random_differing))
     };
+    let compared = compare().map_err(|error| match error {
+        // The signal's end of QEMU, which gets it from the terminal too.
+        PilError::Target(_) if stop.load(Ordering::Relaxed) => PilError::Interrupted {
+            done: progress.position() as usize,
+            all,
+        },
+        error => error,
+    });
     progress.finish_and_clear();
+    let (target, pil, random_differing) = compared?;
 
     let mut facts = pil_facts(&target, &pil);
     if args.random > 0 {
@@ -74,14 +94,8 @@ pub(super) fn pil_command(args: &PilArgs) -> Result<(), CliError> {
         ("random_measurements", json!(args.random)),
         ("random_differing", json!(random_differing)),
     ]));
-    simulation.report(
-        &output,
-        &pil.run,
-        "Flexor: processor in the loop",
-        keys,
-        facts,
-        args.simulation.common.json,
-    )?;
+    let (title, as_json) = ("Flexor: processor in the loop", args.simulation.common.json);
+    simulation.report(&output, &pil.run, title, keys, facts, as_json)?;
     if let Some(first) = pil.first_difference {
         return Err(CliError::Differs {
             differing: pil.differing_commands,

@@ -1,7 +1,8 @@
 //! `flexor board enable`: runs a table and attends to it until it is over.
 
 use super::identity::table_words;
-use super::{failed, fault_json, stop_signals};
+use super::{failed, fault_json};
+use crate::cli::signals::stop_flag;
 use crate::cli::{BoardError, CliError, print, say};
 use crate::files::export;
 use crate::target::{Target, TargetError};
@@ -31,7 +32,7 @@ pub(super) fn enable(
     json: bool,
     bar: &ProgressBar,
 ) -> Result<(), CliError> {
-    let stop = stop_signals()?;
+    let stop = stop_flag()?;
     let granted = match board.enable(slot) {
         Err(error @ TargetError::Refused(_)) => {
             // For what it has logged of that; the refusal is known without.
@@ -42,7 +43,7 @@ pub(super) fn enable(
     };
     let ended = granted
         .map_err(failed)
-        .and_then(|(slot, table)| attend(board, slot, table, json, &stop, bar));
+        .and_then(|(slot, table)| attend(board, slot, table, json, stop, bar));
     let disabled = board.disable();
     bar.finish_and_clear();
     let (slot, table, end, tick) = match (ended, disabled) {

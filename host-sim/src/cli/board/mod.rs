@@ -18,9 +18,6 @@ use flexor::link::Mode;
 use flexor::table::Slot;
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use serde_json::{Map, Value, json};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 #[derive(Args)]
@@ -151,17 +148,6 @@ pub(super) fn board(args: &BoardArgs) -> Result<(), CliError> {
             standing(board, args.json)
         }
     }
-}
-
-/// Set by Ctrl-C, a closed terminal, and kill(1).
-fn stop_signals() -> Result<Arc<AtomicBool>, CliError> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
-        signal_hook::flag::register(signal, Arc::clone(&stop))
-            .map_err(BoardError::Signals)
-            .map_err(failed)?;
-    }
-    Ok(stop)
 }
 
 /// Prints one or the other.

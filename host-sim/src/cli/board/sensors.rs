@@ -1,6 +1,7 @@
 //! `flexor board sensors`: what sensors and interlocks say, once or until a signal.
 
-use super::{failed, stop_signals};
+use super::failed;
+use crate::cli::signals::stop_flag;
 use crate::cli::{CliError, print};
 use crate::files::export;
 use crate::target::Target;
@@ -147,7 +148,7 @@ fn sensors_line(report: &SensorReport) -> String {
 
 /// Prints the sensors until a signal.
 pub(super) fn follow(board: &mut Target, as_json: bool, bar: &ProgressBar) -> Result<(), CliError> {
-    let stop = stop_signals()?;
+    let stop = stop_flag()?;
     let on_terminal = !as_json && io::stdout().is_terminal();
     if let Ok(style) = ProgressStyle::with_template("{msg}") {
         bar.set_style(style);
