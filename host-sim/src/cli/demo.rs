@@ -2,10 +2,9 @@
 
 use super::plan::Planned;
 use super::{
-    CliError, Common, Output, controller, gains, print, print_facts, progress_bar, results,
+    CliError, Common, Output, controller, gains, pages, print, print_facts, progress_bar, results,
 };
 use crate::files::export;
-use crate::report;
 use crate::simulation::cases::{CASES, PLANTS};
 use crate::simulation::closed_loop::{Run, RunOptions};
 use crate::simulation::{cases, closed_loop};
@@ -58,13 +57,15 @@ pub(super) fn demo(args: &DemoArgs) -> Result<(), CliError> {
     progress.set_message("report");
     let summary = summary_json(&runs, &planned);
     output.json("summary.json", &summary)?;
-    let cases: Vec<report::Case> = runs
+    let cases: Vec<pages::CaseRun> = runs
         .iter()
-        .map(|demo| report::Case {
-            case: demo.case,
-            plant: demo.plant,
-            plan: &planned[demo.planned].plan,
-            run: &demo.run,
+        .map(|demo| {
+            (
+                demo.case,
+                demo.plant,
+                &planned[demo.planned].plan,
+                &demo.run,
+            )
         })
         .collect();
     let mut facts = planned[0].facts();
@@ -74,9 +75,8 @@ pub(super) fn demo(args: &DemoArgs) -> Result<(), CliError> {
             .into_iter()
             .map(|(name, fact)| (format!("fast: {name}"), fact)),
     );
-    report::write_figures(&args.out, &cases)?;
-    let page = args.out.join("report.html");
-    report::write_html(&page, "Flexor: the paper's manipulation", &cases, &facts)?;
+    let title = "Flexor: the paper's manipulation";
+    let place = pages::runs(&args.out, title, &cases, &facts)?;
     progress.finish_and_clear();
 
     if args.common.json {
@@ -88,10 +88,9 @@ pub(super) fn demo(args: &DemoArgs) -> Result<(), CliError> {
         runs.iter().map(|demo| (demo.case, demo.plant, &demo.run)),
     ))?;
     print(format_args!(
-        "\n{} runs in {:.1} s. The report is {}",
+        "\n{} runs in {:.1} s. {place}",
         runs.len(),
-        since.elapsed().as_secs_f64(),
-        page.display()
+        since.elapsed().as_secs_f64()
     ))
 }
 

@@ -5,11 +5,13 @@ use crate::analysis::fixed_point::range::RangeError;
 use crate::analysis::stability::StabilityError;
 use crate::files::config::ConfigError;
 use crate::planner::plan::PlanError;
-use crate::report;
 use crate::simulation::closed_loop::{Outcome, RunError};
+#[cfg(feature = "target")]
 use crate::target::TargetError;
+#[cfg(feature = "target")]
 use crate::target::pil::PilError;
 use crate::text::{Shortest, four_digits, round_away_from_zero};
+#[cfg(feature = "target")]
 use flexor::fault::Fault;
 use flexor::table::TableError;
 use std::io;
@@ -45,8 +47,9 @@ pub(super) enum CliError {
     Run(#[from] RunError),
     #[error(transparent)]
     Range(#[from] RangeError),
+    #[cfg(feature = "report")]
     #[error(transparent)]
-    Report(#[from] report::ReportError),
+    Report(#[from] crate::report::ReportError),
     #[error(transparent)]
     Stability(#[from] StabilityError),
     #[error("--at {}; accepted: a time of the plan from {} to {} s", Shortest(*at_s), Shortest(*start_s), Shortest(*end_s))]
@@ -62,6 +65,7 @@ pub(super) enum CliError {
         "demo's fast case, the task in a fifth of its duration_s, cannot be planned: {0}; `flexor run` runs a task as it is"
     )]
     Fast(Box<CliError>),
+    #[cfg(feature = "tune")]
     #[error("{what} {}; accepted: from 0 to {}", Shortest(*value), Shortest(*most))]
     Margin {
         what: &'static str,
@@ -76,10 +80,13 @@ pub(super) enum CliError {
         outcome: Outcome,
         out: PathBuf,
     },
+    #[cfg(feature = "target")]
     #[error(transparent)]
     Pil(#[from] PilError),
+    #[cfg(feature = "target")]
     #[error(transparent)]
     Board(#[from] BoardError),
+    #[cfg(feature = "target")]
     #[error(
         "{differing} of {ticks} commands differ from the simulator's, the first at tick {first}"
     )]
@@ -88,10 +95,12 @@ pub(super) enum CliError {
         ticks: usize,
         first: usize,
     },
+    #[cfg(feature = "target")]
     #[error(
         "{differing} of {count} commands for arbitrary measurements differ from the simulator's"
     )]
     RandomDiffers { differing: u32, count: u32 },
+    #[cfg(feature = "target")]
     #[error("signals cannot be caught, so nothing is begun that must be ended in order: {0}")]
     Signals(#[from] ctrlc::Error),
     #[error("standard output: {0}")]
@@ -120,10 +129,12 @@ impl CliError {
             | Self::At { .. }
             | Self::Map { .. }
             | Self::NoEffect { .. }
-            | Self::Margin { .. }
             | Self::Range(_)
-            | Self::Run(_)
-            | Self::Pil(
+            | Self::Run(_) => 2,
+            #[cfg(feature = "tune")]
+            Self::Margin { .. } => 2,
+            #[cfg(feature = "target")]
+            Self::Pil(
                 PilError::TickRate { .. }
                 | PilError::OtherTable { .. }
                 | PilError::Run(_)
@@ -135,24 +146,24 @@ impl CliError {
                     | TargetError::Refused(_),
                 ),
             ) => 2,
+            #[cfg(feature = "target")]
             Self::Board(error) => error.exit_code(),
             // No gains found, or the optimiser's failure, is none of the user's.
             Self::Stability(StabilityError::NotTuned { .. } | StabilityError::Optimiser(_)) => 1,
             Self::Stability(_) => 2,
-            Self::Unwritable { .. }
-            | Self::Report(_)
-            | Self::Encode(_)
-            | Self::Stopped { .. }
-            | Self::Pil(_)
-            | Self::Differs { .. }
-            | Self::RandomDiffers { .. }
-            | Self::Signals(_)
-            | Self::Stdout(_) => 1,
+            Self::Unwritable { .. } | Self::Encode(_) | Self::Stopped { .. } | Self::Stdout(_) => 1,
+            #[cfg(feature = "report")]
+            Self::Report(_) => 1,
+            #[cfg(feature = "target")]
+            Self::Pil(_) | Self::Differs { .. } | Self::RandomDiffers { .. } | Self::Signals(_) => {
+                1
+            }
             Self::Fast(error) => error.exit_code(),
         }
     }
 }
 
+#[cfg(feature = "target")]
 /// Why a request to the board came to nothing.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum BoardError {
@@ -173,6 +184,7 @@ pub(super) enum BoardError {
     NotDisabled(TargetError),
 }
 
+#[cfg(feature = "target")]
 impl BoardError {
     /// 2 where the command line is at fault, 1 elsewhere.
     fn exit_code(&self) -> u8 {

@@ -5,18 +5,26 @@
 //! early); 2 the command line or a file is at fault.
 
 mod accuracy;
+#[cfg(feature = "target")]
 mod board;
+#[cfg(feature = "target")]
 mod connection;
 mod demo;
 mod error;
 mod gains;
 mod output;
+#[cfg_attr(not(feature = "report"), path = "no_pages.rs")]
+mod pages;
+#[cfg(feature = "target")]
 mod pil;
 mod plan;
 mod run;
+#[cfg(feature = "target")]
 mod signals;
 
-use self::error::{BoardError, CliError};
+#[cfg(feature = "target")]
+use self::error::BoardError;
+use self::error::CliError;
 use self::output::{Output, print, print_facts, progress_bar, results, say};
 use crate::files::config;
 use crate::files::config::ArmConfig;
@@ -67,12 +75,14 @@ enum Command {
         after_help = "Example: flexor accuracy --out out/accuracy\n\nThe task in closed loop, random and adversarial measurements. Writes summary.json, accuracy.csv, figures and report.html."
     )]
     Accuracy(accuracy::AccuracyArgs),
+    #[cfg(feature = "target")]
     /// As run, with the firmware's image in QEMU, or a board on a serial port, as the
     /// controller; every command is compared bit by bit with the simulator's own.
     #[command(
         after_help = "Example: flexor pil --task examples/task_fast.toml --plant examples/plant_soft.toml --out out/pil\n\n`cargo xtask setup` installs QEMU, `cargo xtask firmware` builds the image. Writes what run writes. The firmware's log goes to standard error. Exit code 1 if a command differs."
     )]
     Pil(pil::PilArgs),
+    #[cfg(feature = "target")]
     /// Talks to a board on a serial port, or to the firmware's image in QEMU: who it is, what
     /// its sensors say, enable, disable.
     #[command(
@@ -129,7 +139,9 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Some(Command::Run(args)) => run::run_command(&args),
         Some(Command::Gains(args)) => gains::command(&args),
         Some(Command::Accuracy(args)) => accuracy::accuracy(&args),
+        #[cfg(feature = "target")]
         Some(Command::Pil(args)) => pil::pil_command(&args),
+        #[cfg(feature = "target")]
         Some(Command::Board(args)) => board::board(&args),
     };
     match result {

@@ -162,7 +162,7 @@ pub(super) fn examine(args: &ExamineArgs) -> Result<(), CliError> {
     facts.extend(report_facts(&report, plan.tick_rate_hz));
     facts.push(("examined in".into(), format!("{wall_ms:.0} ms")));
     let map_of = [args.map[0].gain(), args.map[1].gain()];
-    write_page(&setting, law, &report, map_of, &warnings, &facts, &output)?;
+    let place = write_page(&setting, law, &report, map_of, &warnings, &facts, &output)?;
 
     let mut summary = summary_json(&report.nominal);
     summary.extend(export::object([
@@ -186,8 +186,5 @@ pub(super) fn examine(args: &ExamineArgs) -> Result<(), CliError> {
     }
     print_facts(&facts)?;
     print_poles(args, &poles)?;
-    print(format_args!(
-        "\nThe report is {}",
-        args.out.join("report.html").display()
-    ))
+    print(format_args!("\n{place}"))
 }

@@ -2,23 +2,24 @@
 //! `flexor gains tune`: find good ones.
 
 mod examine;
+#[cfg(feature = "tune")]
 mod tune;
 
 use super::plan::Planned;
-use super::{CliError, Common, Output, controller, say};
+use super::{CliError, Common, Output, controller, pages, say};
 use crate::analysis::stability::advice::{advice, warning};
 use crate::analysis::stability::linear::PlantVariant;
 use crate::analysis::stability::map::GainId;
 use crate::analysis::stability::path::{Report, Spread, Summary};
-use crate::analysis::stability::{StabilityError, map, path};
-use crate::files::config::ArmConfig;
+use crate::analysis::stability::{StabilityError, path};
 use crate::files::{config, export};
 use crate::planner::plan::Plan;
 use crate::plant::PlantParameters;
-use crate::report;
 use crate::simulation::cases;
 use crate::text::Shortest;
-use clap::{Args, Subcommand};
+use clap::Args;
+#[cfg(feature = "tune")]
+use clap::Subcommand;
 use flexor::control::LawParameters;
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
@@ -27,12 +28,14 @@ use std::path::PathBuf;
 #[derive(Args)]
 #[command(args_conflicts_with_subcommands = true)]
 pub(super) struct GainsArgs {
+    #[cfg(feature = "tune")]
     #[command(subcommand)]
     command: Option<GainsCommand>,
     #[command(flatten)]
     examine: examine::ExamineArgs,
 }
 
+#[cfg(feature = "tune")]
 #[derive(Subcommand)]
 enum GainsCommand {
     /// Finds the gains and filters with the least predicted force error over a spread of
@@ -65,7 +68,6 @@ struct PlantArgs {
 
 /// What is examined, read and planned.
 struct Setting {
-    arm: ArmConfig,
     law: LawParameters,
     plant: PlantParameters,
     spread: Spread,
@@ -87,7 +89,6 @@ impl PlantArgs {
         )?;
         let planned = self.common.plan(&arm, &task)?;
         Ok(Setting {
-            arm,
             law,
             plant,
             spread,
@@ -98,10 +99,11 @@ impl PlantArgs {
 
 /// Runs `gains`.
 pub(super) fn command(args: &GainsArgs) -> Result<(), CliError> {
-    match &args.command {
-        None => examine::examine(&args.examine),
-        Some(GainsCommand::Tune(args)) => tune::tune_command(args),
+    #[cfg(feature = "tune")]
+    if let Some(GainsCommand::Tune(args)) = &args.command {
+        return tune::tune_command(args);
     }
+    examine::examine(&args.examine)
 }
 
 /// Says on standard error what is wrong with the gains that are about to be simulated on
@@ -200,7 +202,7 @@ fn warnings(
     Ok(words)
 }
 
-/// Writes the page and its figures.
+/// Writes the page and its figures, and says where they are.
 fn write_page(
     setting: &Setting,
     law: &LawParameters,
@@ -209,28 +211,17 @@ fn write_page(
     warnings: &[String],
     facts: &[(String, String)],
     output: &Output<'_>,
-) -> Result<(), CliError> {
-    let plan = &setting.planned.plan;
-    let variant = PlantVariant::new(plan, &setting.plant, 0.0)?;
-    let start = plan.time(0);
-    let spots = path::spots(plan, &variant, &[start])?;
-    let map = map::map(plan, &variant, law, map_of)?;
-    let mut spread: Vec<&Summary> = report.spread.iter().collect();
-    spread.sort_by(|a, b| b.spectral_radius_max.total_cmp(&a.spectral_radius_max));
-    let plants: Vec<&Summary> = std::iter::once(&report.nominal).chain(spread).collect();
-    let content = report::GainsPage {
-        title: "Flexor: gains",
+) -> Result<String, CliError> {
+    let page = pages::GainsContent {
+        plan: &setting.planned.plan,
+        plant: &setting.plant,
+        law,
+        report,
+        map_of,
         warnings,
-        plants: &plants,
-        gains: report::Gains {
-            points: &report.points,
-            spots: &spots,
-            map: &map,
-            times: [start, plan.time(plan.ticks)],
-        },
-        notes: facts,
+        facts,
     };
-    Ok(report::write_gains(output.folder, &content)?)
+    pages::gains(output.folder, &page)
 }
 
 /// Gains as facts.

@@ -116,10 +116,11 @@ pub(super) fn tune_command(args: &TuneArgs) -> Result<(), CliError> {
         return print(&summary);
     }
     print_facts(&facts)?;
-    print(format_args!(
-        "\ncontroller.toml and report.html are in {}",
-        args.out.display()
-    ))
+    let files = match cfg!(feature = "report") {
+        true => "controller.toml and report.html are",
+        false => "controller.toml is",
+    };
+    print(format_args!("\n{files} in {}", args.out.display()))
 }
 
 /// What the gains are predicted to do, for a reader.
@@ -148,7 +149,7 @@ fn tuned_facts(tuned: &Tuned) -> Vec<(String, String)> {
 
 /// How the gains were found, for the head of their file.
 fn origin(args: &TuneArgs, setting: &Setting, tuned: &Tuned) -> [String; 2] {
-    let report = &tuned.report;
+    let (plan, report) = (&setting.planned.plan, &tuned.report);
     let least = |margin: fn(&Summary) -> f64| {
         let spread = report.spread.iter().map(margin);
         spread.fold(margin(&report.nominal), f64::min)
@@ -156,11 +157,7 @@ fn origin(args: &TuneArgs, setting: &Setting, tuned: &Tuned) -> [String; 2] {
     [
         format!(
             "Arm with {} elements, {} Hz, seed {}, {} particles, {} steps; predicted force error",
-            setting.arm.elements,
-            setting.planned.plan.tick_rate_hz,
-            args.seed,
-            args.particles,
-            args.iterations
+            plan.model.elements, plan.tick_rate_hz, args.seed, args.particles, args.iterations
         ),
         format!(
             "{:.3} of that without feedback; over {} plants at least {:.1} dB and {:.2} ticks to spare.",
