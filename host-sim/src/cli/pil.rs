@@ -36,14 +36,61 @@ const PORT_PATIENCE: Duration = Duration::from_secs(10);
 /// Runs the task with the firmware, compares its commands, and reports.
 pub(super) fn pil_command(args: &PilArgs) -> Result<(), CliError> {
     let simulation = args.simulation.prepare()?;
-    let Simulation {
-        planned, options, ..
-    } = &simulation;
-    let (plan, image) = (&planned.plan, &planned.table.image);
+    let image = &simulation.planned.table.image;
     let output = Output::new(&args.out)?;
     // Before the run: a board that lacks the table wants this file.
     output.write("table.bin", |w| w.write_all(image))?;
 
+    let compared = compare(args, &simulation)?;
+    let Compared {
+        target,
+        pil,
+        random_differing,
+    } = &compared;
+    let mut facts = pil_facts(target, pil);
+    if args.random > 0 {
+        facts.push((
+            "arbitrary measurements".into(),
+            format!("{}, {random_differing} commands differ", args.random),
+        ));
+    }
+    let mut keys = pil_json(target, pil);
+    keys.extend(export::object([
+        ("random_measurements", json!(args.random)),
+        ("random_differing", json!(random_differing)),
+    ]));
+    let (title, as_json) = ("Flexor: processor in the loop", args.simulation.common.json);
+    simulation.report(&output, &pil.run, title, keys, facts, as_json)?;
+    if let Some(first) = pil.first_difference {
+        return Err(CliError::Differs {
+            differing: pil.differing_commands,
+            ticks: pil.ticks,
+            first,
+        });
+    }
+    if *random_differing > 0 {
+        return Err(CliError::RandomDiffers {
+            differing: *random_differing,
+            count: args.random,
+        });
+    }
+    simulation.judge(&pil.run, &output)
+}
+
+/// What the comparison found.
+struct Compared {
+    target: Target,
+    pil: PilRun,
+    /// Commands that differ for arbitrary measurements.
+    random_differing: u32,
+}
+
+/// Runs the task, then the arbitrary measurements, until a signal.
+fn compare(args: &PilArgs, simulation: &Simulation) -> Result<Compared, CliError> {
+    let Simulation {
+        planned, options, ..
+    } = simulation;
+    let (plan, image) = (&planned.plan, &planned.table.image);
     let stop = stop_flag()?;
     let all = plan.points.len() + args.random as usize;
     let progress = progress_bar(all as u64, "ticks, {eta} left");
@@ -54,7 +101,7 @@ pub(super) fn pil_command(args: &PilArgs) -> Result<(), CliError> {
             false => ControlFlow::Continue(()),
         }
     };
-    let compare = || -> Result<_, PilError> {
+    let run = || -> Result<_, PilError> {
         let mut target = args
             .connection
             .open(Some(image), PORT_PATIENCE, &progress)?;
@@ -69,9 +116,13 @@ pub(super) fn pil_command(args: &PilArgs) -> Result<(), CliError> {
             // Any seed; this one, so that a difference comes again.
             count => pil::compare_any(&mut target, image, &setup, count, 1, |_| go_on())?,
         };
-        Ok((target, pil, random_differing))
+        Ok(Compared {
+            target,
+            pil,
+            random_differing,
+        })
     };
-    let compared = compare().map_err(|error| match error {
+    let compared = run().map_err(|error| match error {
         // The signal's end of QEMU, which gets it from the terminal too.
         PilError::Target(_) if stop.load(Ordering::Relaxed) => PilError::Interrupted {
             done: progress.position() as usize,
@@ -80,36 +131,7 @@ pub(super) fn pil_command(args: &PilArgs) -> Result<(), CliError> {
         error => error,
     });
     progress.finish_and_clear();
-    let (target, pil, random_differing) = compared?;
-
-    let mut facts = pil_facts(&target, &pil);
-    if args.random > 0 {
-        facts.push((
-            "arbitrary measurements".into(),
-            format!("{}, {random_differing} commands differ", args.random),
-        ));
-    }
-    let mut keys = pil_json(&target, &pil);
-    keys.extend(export::object([
-        ("random_measurements", json!(args.random)),
-        ("random_differing", json!(random_differing)),
-    ]));
-    let (title, as_json) = ("Flexor: processor in the loop", args.simulation.common.json);
-    simulation.report(&output, &pil.run, title, keys, facts, as_json)?;
-    if let Some(first) = pil.first_difference {
-        return Err(CliError::Differs {
-            differing: pil.differing_commands,
-            ticks: pil.ticks,
-            first,
-        });
-    }
-    if random_differing > 0 {
-        return Err(CliError::RandomDiffers {
-            differing: random_differing,
-            count: args.random,
-        });
-    }
-    simulation.judge(&pil.run, &output)
+    Ok(compared?)
 }
 
 /// What a processor in the loop adds to the summary.
