@@ -283,7 +283,7 @@ fn identity_status_and_sensors_are_told_in_words_and_json() {
         "1.5000 rad",
         "2.000 N",
         "released",
-        "not well",
+        "a fault, or a wire is broken",
     ] {
         assert!(words.contains(word), "no {word:?} in {words}");
     }

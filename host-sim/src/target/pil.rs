@@ -14,10 +14,10 @@ use flexor::table::{Slot, Table, TableError, TableIdentity};
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-/// Why a processor in the loop could not be run.
+/// Why a target in the loop could not be run.
 #[derive(Debug, thiserror::Error)]
 pub enum PilError {
-    /// The processor could not be talked to, or refused.
+    /// The target could not be talked to, or refused.
     #[error(transparent)]
     Target(#[from] TargetError),
     /// The plan's rate is not the image's.
@@ -55,10 +55,10 @@ pub enum PilError {
     },
 }
 
-/// What a run with a processor in the loop found.
+/// What a run with a target in the loop found.
 #[derive(Clone, Debug)]
 pub struct PilRun {
-    /// The closed loop, with the processor's torques on the plant.
+    /// The closed loop, with the target's torques on the plant.
     pub run: Run,
     /// Slot that the table was in.
     pub slot: Slot,
@@ -90,7 +90,7 @@ impl PilRun {
     }
 }
 
-/// True when the processor's command equals the in-process one in every bit.
+/// True when the target's command equals the in-process one in every bit.
 fn same(reply: &TickReply, command: &Command<f32>) -> bool {
     reply.torque.map(f32::to_bits) == command.torque.map(f32::to_bits)
         && reply.tick == command.tick
@@ -126,8 +126,8 @@ pub fn start_with(target: &mut Target, image: &[u8], setup: &Setup) -> Result<Sl
     Err(PilError::OtherTable { wanted, a, b })
 }
 
-/// Runs `plan` in closed loop: the plant gets the processor's torques, and the in-process
-/// controller the same measurements. One of the processor's slots must hold `image`, the
+/// Runs `plan` in closed loop: the plant gets the target's torques, and the in-process
+/// controller the same measurements. One of the target's slots must hold `image`, the
 /// plan's table. `progress` is told each tick, and may end the run.
 ///
 /// # Errors
@@ -194,7 +194,7 @@ pub fn run(
     })
 }
 
-/// Compares processor and in-process controller on `count` measurements of arbitrary bits:
+/// Compares target and in-process controller on `count` measurements of arbitrary bits:
 /// normal ranges, limits, denormals, infinities and NaN. Both begin again after a fault.
 /// Returns how many commands differ. `progress` is told each, and may end it.
 ///

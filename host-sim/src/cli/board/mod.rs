@@ -1,8 +1,8 @@
 //! The command `board`: the requests that an operator makes of a microcontroller.
 //!
-//! The board keeps the arm safe by itself: it enables the drives only when everything is in order, stops
-//! at every fault, and 100 ms after the last request. Whatever happens to this process, the
-//! drives go off; that it disables as well only makes it sooner.
+//! The board keeps the arm safe by itself: it enables the drives only when everything is in
+//! order, stops at every fault, and 100 ms after the last request. Whatever happens to this
+//! process, the drives go off; that it disables as well only makes it sooner.
 
 mod enable;
 mod identity;
@@ -54,7 +54,7 @@ enum Verb {
     /// Enables the drives and runs a table; disables at its end, at a fault, on Ctrl-C and at
     /// any error
     #[command(
-        after_help = "Example: flexor board enable --port /dev/ttyUSB0 --slot b\n\nTHE ARM MOVES. The board refuses while a fault is latched, the stop is pressed, a drive is not well, or the arm is away from the table's first row. Exit code 0 when the table was run to its end."
+        after_help = "Example: flexor board enable --port /dev/ttyUSB0 --slot b\n\nTHE ARM MOVES. The board refuses while a fault is latched, the stop is pressed, a drive reports a fault, or the arm is away from the table's first row. Exit code 0 when the table was run to its end."
     )]
     Enable {
         /// Run this slot's table and no other; without it slot A's, or slot B's where slot A

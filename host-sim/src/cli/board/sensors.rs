@@ -95,9 +95,9 @@ pub(super) fn facts(report: &SensorReport) -> Vec<(&'static str, String)> {
         (
             "drives",
             if interlocks.drives_ok {
-                "well".into()
+                "ok".into()
             } else {
-                "not well, or a wire is broken".into()
+                "a fault, or a wire is broken".into()
             },
         ),
     ]
@@ -141,7 +141,7 @@ fn sensors_line(report: &SensorReport) -> String {
         column(m.root_slope_rate, 7, 1),
         column(m.force, 7, 3),
         either(interlocks.estop_released, "free", "STOP"),
-        either(interlocks.drives_ok, "well", "FAULTY"),
+        either(interlocks.drives_ok, "ok", "FAULTY"),
         either(raw.fresh, either(*in_range, "yes", "END"), "NO"),
     )
 }
