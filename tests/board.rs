@@ -1,6 +1,8 @@
 //! `flexor board`, against a board that the test plays on a pseudo-terminal, and against the
 //! image in QEMU. `cargo xtask test` builds the image; `FLEXOR_ELF` says where it is.
 
+#![cfg(unix)] // Pseudo-terminals and kill(1).
+
 use flexor::fault::Fault;
 use flexor::link::RawSample;
 use flexor::link::{
@@ -281,7 +283,7 @@ fn identity_status_and_sensors_are_told_in_words_and_json() {
         "1.5000 rad",
         "2.000 N",
         "released",
-        "not well",
+        "a fault, or a wire is broken",
     ] {
         assert!(words.contains(word), "no {word:?} in {words}");
     }
@@ -620,5 +622,42 @@ fn the_image_in_qemu_answers_every_verb() {
         let (code, words, log) = emulated(arguments);
         assert_eq!((code, &*words), (1, ""));
         assert!(log.contains(reason), "{log}");
+    }
+}
+
+#[test]
+#[ignore = "needs the image: cargo xtask test"]
+fn pil_that_is_told_to_end_leaves_nothing_behind() {
+    let elf =
+        std::env::var_os("FLEXOR_ELF").expect("FLEXOR_ELF is not set: run `cargo xtask test`");
+    for signal in ["-INT", "-TERM"] {
+        let scratch = tempfile::tempdir().unwrap();
+        let (temporary, out) = (scratch.path().join("tmp"), scratch.path().join("out"));
+        std::fs::create_dir(&temporary).unwrap();
+        let mut child = Command::new(env!("CARGO_BIN_EXE_flexor"))
+            .args(["pil", "--random", "100000000", "--elf"])
+            .arg(&elf)
+            .arg("--out")
+            .arg(&out)
+            .env("TMPDIR", &temporary)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        // Its log's first line comes when the firmware runs.
+        let mut log = BufReader::new(child.stderr.take().unwrap());
+        let mut line = String::new();
+        log.read_line(&mut line).unwrap();
+        assert!(line.starts_with("firmware: "), "{line}");
+        let pid = child.id().to_string();
+        let kill = Command::new("kill").args([signal, &pid]).status().unwrap();
+        assert!(kill.success());
+        log.read_to_string(&mut line).unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(1), "{line}");
+        assert!(line.contains("error: interrupted after"), "{line}");
+        let left: Vec<_> = std::fs::read_dir(&temporary).unwrap().collect();
+        assert!(left.is_empty(), "{left:?}");
+        // A run that was broken off has no results.
+        assert!(!out.join("run.csv").exists());
     }
 }

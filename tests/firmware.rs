@@ -16,6 +16,7 @@ use object::{Object, ObjectSection, ObjectSymbol};
 use std::cell::RefCell;
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader};
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::rc::Rc;
@@ -347,7 +348,10 @@ fn a_bad_table_is_named_and_the_other_slot_used() {
 #[ignore = "needs the image: cargo xtask test"]
 fn any_measurement_gives_the_same_command_as_on_the_host() {
     let mut target = boot(untouched, None);
-    let differing = compare_any(&mut target, &table(), &parameters(), 2000, 7, |_| {}).unwrap();
+    let differing = compare_any(&mut target, &table(), &parameters(), 2000, 7, |_| {
+        ControlFlow::Continue(())
+    })
+    .unwrap();
     assert_eq!(differing, 0);
 }
 

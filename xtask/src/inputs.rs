@@ -1,4 +1,4 @@
-//! What an image is built for: arm, task and gains, without a wish those of the examples.
+//! What an image is built for: arm, task and gains, by default those in examples/.
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;

@@ -2,7 +2,7 @@
 
 use super::plan::Planned;
 use super::{
-    CliError, Common, Output, accuracy, controller, gains, print, print_facts, progress_bar,
+    CliError, Common, Output, accuracy, controller, gains, pages, print, print_facts, progress_bar,
     results,
 };
 use crate::analysis::fixed_point::accuracy::run_fixed;
@@ -10,7 +10,6 @@ use crate::analysis::fixed_point::range;
 use crate::files::{config, export};
 use crate::planner::plan::Plan;
 use crate::plant::{PlantParameters, Start};
-use crate::report;
 use crate::simulation::cases::Mode;
 use crate::simulation::closed_loop;
 use crate::simulation::closed_loop::{Outcome, Run, RunOptions};
@@ -176,24 +175,16 @@ impl Simulation {
             Mode::Feedforward => "feedforward",
             Mode::Feedback => "feedback",
         };
-        let cases = [report::Case {
-            case: name,
-            plant: "plant",
-            plan,
-            run,
-        }];
         let mut all = self.planned.facts();
         all.extend(facts);
-        let page = output.folder.join("report.html");
-        report::write_figures(output.folder, &cases)?;
-        report::write_html(&page, title, &cases, &all)?;
+        let place = pages::runs(output.folder, title, &[(name, "plant", plan, run)], &all)?;
         if json {
             return print(&summary);
         }
         print_facts(&all)?;
         print("")?;
         print(results([(name, "plant", run)]))?;
-        print(format_args!("\nThe report is {}", page.display()))
+        print(format_args!("\n{place}"))
     }
 
     /// A run that could not go on to its end is a failure; a bad result is not.

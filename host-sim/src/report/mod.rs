@@ -7,6 +7,7 @@
 mod accuracy;
 mod figures;
 mod html;
+mod page;
 
 use crate::planner::plan::Plan;
 use crate::simulation::closed_loop::Run;

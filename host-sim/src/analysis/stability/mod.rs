@@ -5,7 +5,7 @@
 //! are "determined appropriately". Here the plant that is simulated is linearised by
 //! exact derivatives ([`linear`]), sampled as the controller samples it and closed with
 //! the controller's own law ([`sampled`]), examined along the path and for a spread of
-//! plants ([`path`]), and searched for gains ([`tune`]). Eq. 23 as the paper prints it is
+//! plants ([`path`]), and searched for gains (`tune`). Eq. 23 as the paper prints it is
 //! in [`printed`]. `docs/gains.md` has the findings.
 //!
 //! Glossary: *frozen* means linearised at a point of the motion, as if the motion stayed
@@ -21,7 +21,10 @@ pub mod linear;
 pub mod map;
 pub mod path;
 pub mod printed;
+// What only the search for gains asks of it.
+#[cfg_attr(not(feature = "tune"), allow(dead_code))]
 pub mod sampled;
+#[cfg(feature = "tune")]
 pub mod tune;
 
 use crate::model::arm_model::ModelError;

@@ -1,12 +1,13 @@
 //! Figures on the stability of gains: poles along the path, a map over two gains,
 //! margins against time.
 
-use super::{
-    Area, Axis, BLUE, Curve, Drawn, EDGE, Figure, GREEN, INK, LEFT, ORANGE, PURPLE, Panel,
-    REFERENCE, RIGHT, SOFT, TEXT, TIME, TIME_LABELS, VERMILLION, draw_panels, line, number,
-    panels_height, render, text, text_width, units,
+use super::axis::{Axis, number};
+use super::plot::{
+    Area, BLUE, Chart, Curve, Drawn, Figure, GREEN, INK, LEFT, ORANGE, PURPLE, Panel, REFERENCE,
+    SOFT, TEXT, TIME, TIME_LABELS, VERMILLION, chart, draw_axes, draw_panels, line, panels_height,
+    render, text, text_width, units,
 };
-use crate::analysis::stability::map::{Class, Map};
+use crate::analysis::stability::map::{Class, GainId, Map};
 use crate::analysis::stability::path::{
     DELAY_MARGIN_MAX_TICKS, FrozenPoint, GAIN_MARGIN_MAX_DB, PathPoint,
 };
@@ -135,25 +136,12 @@ fn draw_plane(area: &Area<'_>, plane: &Plane, gains: &Gains<'_>) -> Drawn {
     let (head, body) = area.split_vertically(units(HEAD));
     let style = text(TEXT, &INK).pos(Pos::new(HPos::Left, VPos::Center));
     head.draw_text(&plane.heading, &style, (units(LEFT), units(HEAD - 11.0)))?;
-    let mut chart = ChartBuilder::on(&body)
-        .set_label_area_size(LabelAreaPosition::Left, units(LEFT - EDGE))
-        .margin_left(units(EDGE))
-        .set_label_area_size(LabelAreaPosition::Bottom, units(TIME_LABELS))
-        .margin_right(units(RIGHT))
-        .build_cartesian_2d(plane.real.clone(), plane.imaginary.clone())?;
-    chart
-        .configure_mesh()
-        .bold_line_style(line(super::GRID, 0.8))
-        .light_line_style(TRANSPARENT)
-        .axis_style(line(SOFT, 1.0))
-        .set_all_tick_mark_size(units(4.0))
-        .label_style(text(TEXT, &INK))
-        .axis_desc_style(text(TEXT, &INK))
-        .x_labels(plane.real.ticks.len())
-        .y_labels(plane.imaginary.ticks.len())
-        .x_desc("real part (1/s)")
-        .y_desc("imaginary part (rad/s)")
-        .draw()?;
+    let mut chart = chart(&body, [&plane.real, &plane.imaginary])?;
+    draw_axes(
+        &mut chart,
+        true,
+        ["real part (1/s)", "imaginary part (rad/s)"],
+    )?;
     let inside = |p: &Complex<f64>| {
         let within = |x: f64, axis: &Axis| x >= axis.range[0] && x <= axis.range[1];
         within(p.re, &plane.real) && within(p.im, &plane.imaginary)
@@ -184,103 +172,95 @@ fn draw_plane(area: &Area<'_>, plane: &Plane, gains: &Gains<'_>) -> Drawn {
     Ok(())
 }
 
-/// Stability over two gains.
-fn map(map: &Map) -> Result<Figure, ReportError> {
-    const STABLE: RGBColor = RGBColor(0xB5, 0xDD, 0xCE);
-    const TIGHT: RGBColor = RGBColor(0xF6, 0xE3, 0xB0);
-    const UNSTABLE: RGBColor = RGBColor(0xEF, 0xC4, 0xB0);
-    let colour = |class: Class| match class {
+const STABLE: RGBColor = RGBColor(0xB5, 0xDD, 0xCE);
+const TIGHT: RGBColor = RGBColor(0xF6, 0xE3, 0xB0);
+const UNSTABLE: RGBColor = RGBColor(0xEF, 0xC4, 0xB0);
+
+/// Colour of a cell of the map.
+fn colour(class: Class) -> RGBColor {
+    match class {
         Class::Stable => STABLE,
         Class::Tight => TIGHT,
         Class::Unstable => UNSTABLE,
+    }
+}
+
+/// An axis' cells as decimal logarithms: the edges of all of them, and the width of one.
+fn cells(values: &[f64]) -> ([f64; 2], f64) {
+    let half = match values {
+        [a, b, ..] => 0.5 * (b / a).log10(),
+        _ => 0.5,
     };
-    // Cells' edges as logarithms.
-    let edges = [0, 1].map(|axis| {
-        let values = &map.values[axis];
-        let half = match values[..] {
-            [a, b, ..] => 0.5 * (b / a).log10(),
-            _ => 0.5,
-        };
-        let [first, last] = [values.first(), values.last()].map(|v| v.map_or(0.0, |v| v.log10()));
-        ([first - half, last + half], 2.0 * half)
-    });
+    let [first, last] = [values.first(), values.last()].map(|v| v.map_or(0.0, |v| v.log10()));
+    ([first - half, last + half], 2.0 * half)
+}
+
+/// What the map's colours mean.
+fn map_legend(head: &Area<'_>) -> Drawn {
+    let plain = text(TEXT, &INK).pos(Pos::new(HPos::Left, VPos::Center));
+    let mut x = LEFT;
+    let entries = [
+        (STABLE, "stable with 6 dB and one tick to spare"),
+        (TIGHT, "stable, with less"),
+        (UNSTABLE, "unstable"),
+    ];
+    for (fill, label) in entries {
+        let corners = [(units(x), units(14.0)), (units(x + 14.0), units(28.0))];
+        head.draw(&Rectangle::new(corners, fill.filled()))?;
+        head.draw_text(label, &plain, (units(x + 20.0), units(21.0)))?;
+        x += 20.0 + text_width(label, TEXT) + 18.0;
+    }
+    head.draw(&Circle::new(
+        (units(x + 6.0), units(21.0)),
+        units(5.0),
+        INK.filled(),
+    ))?;
+    head.draw_text("the gains", &plain, (units(x + 16.0), units(21.0)))
+}
+
+/// Draws the map's cells; neighbours of a class in a row are drawn as one.
+fn draw_cells(chart: &mut Chart<'_, '_>, map: &Map, edges: &[([f64; 2], f64); 2]) -> Drawn {
+    let across = map.values[0].len().max(1);
+    for (row, classes) in map.classes.chunks(across).enumerate() {
+        let mut from = 0;
+        for to in 1..=classes.len() {
+            if to < classes.len() && classes[to] == classes[from] {
+                continue;
+            }
+            let x = [from, to].map(|i| edges[0].0[0] + i as f64 * edges[0].1);
+            // A little over the next row, which is drawn later: no hairline between.
+            let y = [row as f64, row as f64 + 1.1].map(|i| edges[1].0[0] + i * edges[1].1);
+            chart.draw_series([Rectangle::new(
+                [(x[0], y[0]), (x[1], y[1])],
+                colour(classes[from]).filled(),
+            )])?;
+            from = to;
+        }
+    }
+    Ok(())
+}
+
+/// Stability over two gains.
+fn map(map: &Map) -> Result<Figure, ReportError> {
+    let edges = [0, 1].map(|axis| cells(&map.values[axis]));
     let axes = [0, 1].map(|axis| Axis::decades(edges[axis].0));
     let height = 40.0 + 380.0 + TIME_LABELS;
     let svg = render("gains_map", height, |area| {
         let (head, body) = area.split_vertically(units(40.0));
-        let plain = text(TEXT, &INK).pos(Pos::new(HPos::Left, VPos::Center));
-        let mut x = LEFT;
-        let entries = [
-            (STABLE, "stable with 6 dB and one tick to spare"),
-            (TIGHT, "stable, with less"),
-            (UNSTABLE, "unstable"),
-        ];
-        for (fill, label) in entries {
-            let corners = [(units(x), units(14.0)), (units(x + 14.0), units(28.0))];
-            head.draw(&Rectangle::new(corners, fill.filled()))?;
-            head.draw_text(label, &plain, (units(x + 20.0), units(21.0)))?;
-            x += 20.0 + text_width(label, TEXT) + 18.0;
-        }
-        head.draw(&Circle::new(
-            (units(x + 6.0), units(21.0)),
-            units(5.0),
-            INK.filled(),
-        ))?;
-        head.draw_text("the gains", &plain, (units(x + 16.0), units(21.0)))?;
-        let mut chart = ChartBuilder::on(&body)
-            .set_label_area_size(LabelAreaPosition::Left, units(LEFT - EDGE))
-            .margin_left(units(EDGE))
-            .set_label_area_size(LabelAreaPosition::Bottom, units(TIME_LABELS))
-            .margin_right(units(RIGHT))
-            .build_cartesian_2d(axes[0].clone(), axes[1].clone())?;
-        // Neighbours of a class in a row are drawn as one.
-        let across = map.values[0].len().max(1);
-        for (row, classes) in map.classes.chunks(across).enumerate() {
-            let mut from = 0;
-            for to in 1..=classes.len() {
-                if to < classes.len() && classes[to] == classes[from] {
-                    continue;
-                }
-                let x = [from, to].map(|i| edges[0].0[0] + i as f64 * edges[0].1);
-                // A little over the next row, which is drawn later: no hairline between.
-                let y = [row as f64, row as f64 + 1.1].map(|i| edges[1].0[0] + i * edges[1].1);
-                chart.draw_series([Rectangle::new(
-                    [(x[0], y[0]), (x[1], y[1])],
-                    colour(classes[from]).filled(),
-                )])?;
-                from = to;
-            }
-        }
-        chart
-            .configure_mesh()
-            .disable_mesh()
-            .axis_style(line(SOFT, 1.0))
-            .set_all_tick_mark_size(units(4.0))
-            .label_style(text(TEXT, &INK))
-            .axis_desc_style(text(TEXT, &INK))
-            .x_labels(axes[0].ticks.len())
-            .y_labels(axes[1].ticks.len())
-            .x_desc(map.gains[0].key())
-            .y_desc(map.gains[1].key())
-            .draw()?;
+        map_legend(&head)?;
+        let mut chart = chart(&body, [&axes[0], &axes[1]])?;
+        draw_cells(&mut chart, map, &edges)?;
+        draw_axes(&mut chart, false, map.gains.map(GainId::key))?;
         // A gain of zero is at the edge of every logarithmic scale.
-        let chosen = [0, 1].map(|axis| {
+        let [x, y] = [0, 1].map(|axis| {
             let [low, high] = edges[axis].0;
             map.chosen[axis].max(1e-300).log10().clamp(low, high)
         });
-        chart.draw_series([Circle::new(
-            (chosen[0], chosen[1]),
-            units(6.0),
-            INK.filled(),
-        )])?;
-        chart.draw_series([Circle::new(
-            (chosen[0], chosen[1]),
-            units(2.5),
-            WHITE.filled(),
-        )])?;
+        chart.draw_series([Circle::new((x, y), units(6.0), INK.filled())])?;
+        chart.draw_series([Circle::new((x, y), units(2.5), WHITE.filled())])?;
         Ok(())
     })?;
-    let [a, b] = map.gains.map(crate::analysis::stability::map::GainId::key);
+    let [a, b] = map.gains.map(GainId::key);
     Ok(Figure {
         name: "gains_map".into(),
         caption: format!(
@@ -293,8 +273,8 @@ fn map(map: &Map) -> Result<Figure, ReportError> {
     })
 }
 
-/// Margins and damping against the path's time.
-fn margins(gains: &Gains<'_>) -> Result<Figure, ReportError> {
+/// Panels of margins and damping against the path's time.
+fn margin_panels(gains: &Gains<'_>) -> [Panel; 4] {
     let curve = |label: &str, colour, value: &dyn Fn(&PathPoint) -> f64| Curve {
         label: label.into(),
         colour,
@@ -316,7 +296,7 @@ fn margins(gains: &Gains<'_>) -> Result<Figure, ReportError> {
             shaded: vec![],
         }
     };
-    let panels = [
+    [
         panel(
             vec![
                 level("6 dB", 6.0),
@@ -358,7 +338,12 @@ fn margins(gains: &Gains<'_>) -> Result<Figure, ReportError> {
             0.5,
             [-200.0, 200.0],
         ),
-    ];
+    ]
+}
+
+/// Margins and damping against the path's time.
+fn margins(gains: &Gains<'_>) -> Result<Figure, ReportError> {
+    let panels = margin_panels(gains);
     let svg = render("gains_margins", panels_height(&panels), |area| {
         draw_panels(area, &panels, (gains.times, TIME), false)
     })?;
