@@ -15,7 +15,7 @@ use flexor_sim::analysis::stability::printed::Printed;
 use flexor_sim::analysis::stability::sampled::with_gains_times;
 use flexor_sim::analysis::stability::tune::{Prediction, TuneOptions, tune};
 use flexor_sim::files::config;
-use flexor_sim::model::dynamics::State;
+use flexor_sim::model::configuration::State;
 use flexor_sim::planner::limits::default_limits;
 use flexor_sim::planner::plan::{Plan, PlanOptions, Task, plan};
 use flexor_sim::planner::table_fit;

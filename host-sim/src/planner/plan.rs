@@ -12,8 +12,10 @@
 //! for a prescribed tip, in pairs of either sign.
 
 use crate::model::arm_model::{ArmModel, ModelError, dot};
+use crate::model::configuration::{Configuration, Surface};
 use crate::model::dynamics;
-use crate::model::dynamics::{Configuration, Motion, Surface};
+use crate::model::dynamics::Motion;
+use crate::model::printed::inverse_as_printed;
 use crate::planner::collocation;
 use crate::planner::collocation::{CollocationError, Solution};
 use crate::planner::path::{LinePath, TipMotion};
@@ -836,7 +838,7 @@ impl Sampler<'_> {
             q_acceleration: &self.q_acceleration,
         };
         let torque = if plan.equations == Equations::AsPrinted {
-            dynamics::inverse_as_printed(model, &motion, force)
+            inverse_as_printed(model, &motion, force)
         } else {
             dynamics::inverse(model, &motion, force)
         };

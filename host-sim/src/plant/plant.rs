@@ -12,8 +12,9 @@
 //! out negative.
 
 use crate::model::arm_model::{ArmModel, ModelError, dot};
+use crate::model::configuration::{Configuration, State, Surface};
 use crate::model::dynamics;
-use crate::model::dynamics::{Actuation, Configuration, State, Surface};
+use crate::model::forward::{Actuation, forward};
 use crate::planner::plan::Plan;
 use crate::plant::integrator::{Integrator, STEP_TIMES_FREQUENCY};
 use flexor::model::ArmParameters;
@@ -159,8 +160,7 @@ pub fn derivative<T: Real>(
         torque: [torque[0] - lost[0], torque[1] - lost[1]],
         geometric_stiffness: parameters.geometric_stiffness,
     };
-    let (acceleration, force) =
-        dynamics::forward(model, surface, view, &drive, &mut derivative[4 + n..]);
+    let (acceleration, force) = forward(model, surface, view, &drive, &mut derivative[4 + n..]);
     derivative[0] = rate1;
     derivative[1] = rate2;
     derivative[2] = acceleration[0];

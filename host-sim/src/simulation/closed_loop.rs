@@ -236,7 +236,7 @@ pub fn run_controller<T: Scalar>(
             integral: T::of_sum(controller.state().integral).to_si(formats.force),
         });
         if tick % SHAPE_STRIDE == 0 {
-            let q = crate::model::dynamics::State(plant.state()).q();
+            let q = crate::model::configuration::State(plant.state()).q();
             shapes.push(plant.model().deflection(q).as_slice().to_vec());
         }
         plant.advance(held);

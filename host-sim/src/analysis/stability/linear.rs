@@ -10,8 +10,8 @@
 use super::StabilityError;
 use super::dual::Dual;
 use crate::model::arm_model::ArmModel;
+use crate::model::configuration::Surface;
 use crate::model::dynamics;
-use crate::model::dynamics::Surface;
 use crate::planner::plan::{Plan, Sampler};
 use crate::plant;
 use crate::plant::PlantParameters;
