@@ -2,7 +2,8 @@
 
 use flexor::model::{ArmParameters, Elbow};
 use flexor_sim::planner::path::{LinePath, Profile};
-use flexor_sim::planner::plan::{Equations, Plan, PlanError, PlanOptions, Task, Window, plan};
+use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
+use flexor_sim::planner::task::{Equations, PlanError, Task, Window};
 use flexor_sim::plant::{Plant, PlantParameters, Start};
 use flexor_tests::{Reference, fast_task, paper_arm, paper_task};
 use proptest::prelude::*;

@@ -17,7 +17,7 @@ use crate::analysis::fixed_point::range::RangeError;
 use crate::analysis::stability::StabilityError;
 use crate::files::config::{ArmConfig, ConfigError};
 use crate::files::{config, export};
-use crate::planner::plan::{PlanError, Task};
+use crate::planner::task::{PlanError, Task};
 use crate::report;
 use crate::simulation::closed_loop::{Outcome, Run, RunError};
 use crate::target::pil::{PilError, PilRun};

@@ -406,7 +406,8 @@ fn highest_frequency(model: &ArmModel, surface: &Surface, angle: [f64; 2]) -> f6
 mod tests {
     use super::*;
     use crate::planner::path::{LinePath, Profile};
-    use crate::planner::plan::{PlanOptions, Task, Window, plan};
+    use crate::planner::plan::{PlanOptions, plan};
+    use crate::planner::task::{Task, Window};
     use crate::testing;
 
     fn task(duration: f64) -> Task {

@@ -96,7 +96,8 @@ fn write_file(path: &Path, text: &str) -> Result<(), ReportError> {
 pub(crate) mod testing {
     //! A short planned motion and a run of it, made once for the tests.
     use crate::planner::path::{LinePath, Profile};
-    use crate::planner::plan::{Plan, PlanOptions, Task, Window, plan};
+    use crate::planner::plan::{Plan, PlanOptions, plan};
+    use crate::planner::task::{Task, Window};
     use crate::plant::{PlantParameters, Start};
     use crate::simulation::closed_loop::{Run, RunOptions, run};
     use crate::testing::PAPER;

@@ -1,7 +1,7 @@
 //! The demo's cases: the paper's figures 3 to 6, and the same path five times faster
 //! from rest, each on the nominal plant and on one with 0.9 of the bending stiffness.
 
-use crate::planner::plan::{Task, Window};
+use crate::planner::task::{Task, Window};
 use crate::plant::{PlantParameters, Start};
 use flexor::control::LawParameters;
 
