@@ -9,10 +9,11 @@ use flexor_sim::planner::limits::default_limits;
 use flexor_sim::planner::plan::Plan;
 use flexor_sim::planner::table_fit::EncodedTable;
 use flexor_sim::planner::task::Task;
-use flexor_sim::plant::{PlantParameters, Start};
+use flexor_sim::plant::PlantParameters;
 use flexor_sim::simulation::cases;
 use flexor_sim::simulation::cases::Mode;
 use flexor_sim::simulation::closed_loop::{Outcome, RunOptions, Summary, run, run_with};
+use flexor_sim::simulation::start::Start;
 use flexor_tests::{fast_task, paper_arm, paper_task, planned};
 
 fn law() -> LawParameters {

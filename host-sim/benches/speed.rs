@@ -1,13 +1,15 @@
 //! How long planning, simulating and examining the paper's task takes: `cargo bench`.
 
-use flexor_sim::analysis::stability::linear::{Linear, OperatingPoint, PlantVariant};
+use flexor_sim::analysis::stability::linear::{Linear, OperatingPoint};
 use flexor_sim::analysis::stability::path::Report;
 use flexor_sim::files::config;
 use flexor_sim::planner::limits::default_limits;
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::table_fit;
-use flexor_sim::plant::{Plant, PlantParameters, Start};
+use flexor_sim::plant::PlantParameters;
+use flexor_sim::plant::spread::PlantVariant;
 use flexor_sim::simulation::closed_loop::RunOptions;
+use flexor_sim::simulation::start::{Start, plant_for};
 use flexor_sim::simulation::{cases, closed_loop};
 
 fn main() {
@@ -45,7 +47,7 @@ fn simulate_2_s(bencher: divan::Bencher<'_, '_>, elements: usize) {
         ..PlantParameters::default()
     };
     bencher.bench(|| {
-        let mut plant = Plant::new(&plan, &parameters, Start::PlanAtRest).expect("a plant");
+        let mut plant = plant_for(&plan, &parameters, Start::PlanAtRest).expect("a plant");
         for point in &plan.points {
             plant.advance(point.torque);
         }
@@ -72,7 +74,7 @@ fn run_2_s_in_closed_loop(bencher: divan::Bencher<'_, '_>, elements: usize) {
 #[divan::bench]
 fn linearise_at_a_point(bencher: divan::Bencher<'_, '_>) {
     let plan = paper(2.0);
-    let variant = PlantVariant::planned(&plan).expect("a model");
+    let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
     let point = OperatingPoint::new(&plan, &mut plan.sampler(), &variant, 0.7).expect("a point");
     bencher.bench(|| Linear::new(&variant, &point));
 }

@@ -6,9 +6,9 @@ use super::{
 use crate::analysis::fixed_point::accuracy::{Accuracy, Errors};
 use crate::analysis::fixed_point::range::Analysis;
 use crate::analysis::fixed_point::{accuracy, range};
-use crate::plant::Start;
 use crate::simulation::cases;
 use crate::simulation::closed_loop::RunOptions;
+use crate::simulation::start::Start;
 use crate::text::four_digits;
 use clap::Args;
 use serde_json::{Map, Value};

@@ -4,9 +4,9 @@
 use super::plan::Planned;
 use super::{CliError, Common, Output, controller, print, print_facts, progress_bar};
 use crate::analysis::stability::advice::{advice, warning};
-use crate::analysis::stability::linear::{Linear, OperatingPoint, PlantVariant};
+use crate::analysis::stability::linear::{Linear, OperatingPoint};
 use crate::analysis::stability::map::GainId;
-use crate::analysis::stability::path::{Report, Spread, Summary};
+use crate::analysis::stability::path::{Report, Summary};
 use crate::analysis::stability::printed::Printed;
 use crate::analysis::stability::tune::TuneOptions;
 use crate::analysis::stability::{StabilityError, map, path, tune};
@@ -14,6 +14,7 @@ use crate::files::config::ArmConfig;
 use crate::files::{config, export};
 use crate::planner::plan::Plan;
 use crate::plant::PlantParameters;
+use crate::plant::spread::{PlantVariant, Spread};
 use crate::report;
 use crate::simulation::cases;
 use crate::text::Shortest;
@@ -164,6 +165,15 @@ struct Setting {
     planned: Planned,
 }
 
+impl Setting {
+    /// The plant in the middle.
+    fn variant(&self) -> Result<PlantVariant, StabilityError> {
+        let plan = &self.planned.plan;
+        let (arm, rate) = (&plan.model.arm, plan.tick_rate_hz);
+        Ok(PlantVariant::new(arm, rate, &self.plant, 0.0)?)
+    }
+}
+
 impl PlantArgs {
     fn setting(&self) -> Result<Setting, CliError> {
         let (arm, task) = self.common.load()?;
@@ -262,10 +272,12 @@ fn spread_json(report: &Report) -> Value {
 fn worst_variant(setting: &Setting, report: &Report) -> Result<PlantVariant, StabilityError> {
     let plan = &setting.planned.plan;
     let worst = report.worst();
-    let variants = setting.spread.variants(plan, &setting.plant)?;
+    let variants = setting
+        .spread
+        .variants(&plan.model.arm, plan.tick_rate_hz, &setting.plant)?;
     match variants.into_iter().find(|(name, _)| *name == worst.name) {
         Some((_, variant)) => Ok(variant),
-        None => PlantVariant::new(plan, &setting.plant, 0.0),
+        None => setting.variant(),
     }
 }
 
@@ -281,10 +293,7 @@ fn warnings(
     let (summary, variant) = if report.nominal.stable && !report.worst().stable {
         (report.worst(), worst_variant(setting, report)?)
     } else {
-        (
-            &report.nominal,
-            PlantVariant::new(plan, &setting.plant, 0.0)?,
-        )
+        (&report.nominal, setting.variant()?)
     };
     let mut words = advice(plan, &variant, law, summary, &times)?;
     let growth = report.nominal.sliding_growth_max_per_s;
@@ -307,7 +316,7 @@ fn write_page(
     output: &Output<'_>,
 ) -> Result<(), CliError> {
     let plan = &setting.planned.plan;
-    let variant = PlantVariant::new(plan, &setting.plant, 0.0)?;
+    let variant = setting.variant()?;
     let start = plan.time(0);
     let spots = path::spots(plan, &variant, &[start])?;
     let map = map::map(plan, &variant, law, map_of)?;
@@ -434,7 +443,7 @@ fn examine(args: &ExamineArgs) -> Result<(), CliError> {
     let wall_ms = since.elapsed().as_secs_f64() * 1e3;
     let warnings = warnings(&setting, law, &report)?;
 
-    let variant = PlantVariant::new(plan, &setting.plant, 0.0)?;
+    let variant = setting.variant()?;
     let point = OperatingPoint::new(plan, &mut plan.sampler(), &variant, args.at)?;
     let poles = match args.linearisation {
         LinearisationArg::Exact => Linear::new(&variant, &point)?.poles(),

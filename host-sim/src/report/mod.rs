@@ -98,8 +98,9 @@ pub(crate) mod testing {
     use crate::planner::path::{LinePath, Profile};
     use crate::planner::plan::{Plan, PlanOptions, plan};
     use crate::planner::task::{Task, Window};
-    use crate::plant::{PlantParameters, Start};
+    use crate::plant::PlantParameters;
     use crate::simulation::closed_loop::{Run, RunOptions, run};
+    use crate::simulation::start::Start;
     use crate::testing::PAPER;
     use flexor::control::{LawParameters, LimitParameters};
 

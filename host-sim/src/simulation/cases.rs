@@ -2,7 +2,8 @@
 //! from rest, each on the nominal plant and on one with 0.9 of the bending stiffness.
 
 use crate::planner::task::{Task, Window};
-use crate::plant::{PlantParameters, Start};
+use crate::plant::PlantParameters;
+use crate::simulation::start::Start;
 use flexor::control::LawParameters;
 
 /// Which part of the control law acts.

@@ -2,7 +2,8 @@
 //! simulation owns time; nothing waits for a clock.
 
 use crate::planner::plan::Plan;
-use crate::plant::{Plant, PlantError, PlantParameters, Reading, Start};
+use crate::plant::{PlantError, PlantParameters, Reading};
+use crate::simulation::start::{Start, plant_for};
 use flexor::control::{Command, Controller, LawParameters, LimitParameters, Mismatch};
 use flexor::number::Scalar;
 use flexor::signals::{Formats, Measurement, Saturation};
@@ -209,7 +210,7 @@ pub fn run_controller<T: Scalar>(
     options: &RunOptions,
     mut answer: impl FnMut(&Measurement<T>, Command<T>) -> Option<Command<T>>,
 ) -> Result<Run, RunError> {
-    let mut plant = Plant::new(plan, &options.plant, options.start)?;
+    let mut plant = plant_for(plan, &options.plant, options.start)?;
     let mut rows = Vec::with_capacity(plan.points.len());
     let mut shapes = Vec::with_capacity(plan.points.len() / SHAPE_STRIDE + 1);
     let mut fault = None;

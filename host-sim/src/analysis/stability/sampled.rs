@@ -18,8 +18,9 @@
 //! [`flexor::control::Law::propose`] itself, which is affine in what it remembers and
 //! measures, evaluated on basis vectors.
 
-use super::linear::{FORCE, Linear, PlantVariant, SLOPE_RATE};
+use super::linear::{FORCE, Linear, SLOPE_RATE};
 use crate::planner::plan::Plan;
+use crate::plant::spread::PlantVariant;
 use flexor::control::{Law, LawParameters, LawState};
 use flexor::signals::{Measurement, Reference, Saturation, SaturationCounts};
 use nalgebra::DMatrix;

@@ -21,14 +21,15 @@
 //! point for every plant before they are returned.
 
 use super::StabilityError;
-use super::linear::{self, FORCE, Linear, OUTPUTS, OperatingPoint, PlantVariant, SLOPE_RATE};
+use super::linear::{self, FORCE, Linear, OUTPUTS, OperatingPoint, SLOPE_RATE};
 use super::map::GainId;
-use super::path::{self, FrozenPoint, Report, Spread};
+use super::path::{self, FrozenPoint, Report};
 use super::sampled::{LinearLaw, Sampled, with_gains_times};
 use crate::model::arm_model::ELEMENTS_MAX;
 use crate::model::dynamics;
 use crate::planner::plan::Plan;
 use crate::plant::PlantParameters;
+use crate::plant::spread::{PlantVariant, Spread};
 use argmin::core::{CostFunction, Executor};
 use argmin::solver::particleswarm::ParticleSwarm;
 use flexor::control::LawParameters;
@@ -144,7 +145,7 @@ impl Prediction {
     /// # Errors
     /// [`StabilityError`].
     pub fn new(plan: &Plan, name: &str, variant: &PlantVariant) -> Result<Self, StabilityError> {
-        let planned = PlantVariant::planned(plan)?;
+        let planned = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
         let all = plan.ticks as usize;
         let ticks = (all.div_ceil(SEGMENTS)).next_multiple_of(STRIDE);
         let count = all.div_ceil(ticks).max(1);
@@ -521,22 +522,23 @@ pub fn tune(
         })
     };
     let mut conditions = vec![];
-    let centre = Spread::none().variants(plan, &options.plant)?;
-    for variant in centre
-        .iter()
-        .chain(&corners.variants(plan, &options.plant)?)
-    {
+    let centre = Spread::none().variants(&plan.model.arm, plan.tick_rate_hz, &options.plant)?;
+    for variant in centre.iter().chain(&corners.variants(
+        &plan.model.arm,
+        plan.tick_rate_hz,
+        &options.plant,
+    )?) {
         conditions.push(condition(
             variant,
             9,
             &[(1.0, 0.0), (gain, 0.0), (1.0, delay)],
         )?);
     }
-    for variant in &fine.variants(plan, &options.plant)? {
+    for variant in &fine.variants(&plan.model.arm, plan.tick_rate_hz, &options.plant)? {
         conditions.push(condition(variant, 3, &[(FINE_FACTOR, 0.0)])?);
     }
     let predictions = predicted
-        .variants(plan, &options.plant)?
+        .variants(&plan.model.arm, plan.tick_rate_hz, &options.plant)?
         .par_iter()
         .map(|(name, variant)| Prediction::new(plan, name, variant))
         .collect::<Result<Vec<_>, _>>()?;
