@@ -23,9 +23,9 @@ use flexor_sim::planner::task::Task;
 use flexor_sim::plant;
 use flexor_sim::plant::PlantParameters;
 use flexor_sim::plant::spread::{PlantVariant, Spread};
-use flexor_sim::simulation::closed_loop::{Outcome, RunOptions, measurement};
+use flexor_sim::simulation::cases;
+use flexor_sim::simulation::closed_loop::{Outcome, RunOptions, Simulation, measurement};
 use flexor_sim::simulation::start::{Start, plant_for};
-use flexor_sim::simulation::{cases, closed_loop};
 use flexor_tests::{paper_arm, paper_task, planned};
 
 fn default_law() -> LawParameters {
@@ -446,9 +446,8 @@ fn simulated(plan: &Plan, image: &[u8], law: &LawParameters, start: Start) -> [f
         plant: cases::plant(plan.model.elements, 0.9),
         start,
     };
-    let summary = closed_loop::run::<f32>(plan, image, &options)
-        .unwrap()
-        .summary;
+    let mut simulation = Simulation::<f32>::new(plan, image, &options).unwrap();
+    let summary = simulation.run(|_| {}).summary;
     assert_eq!(summary.outcome, Outcome::Completed);
     [summary.force_error_rms, summary.tip_error_rms]
 }

@@ -8,9 +8,9 @@ use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::table_fit;
 use flexor_sim::plant::PlantParameters;
 use flexor_sim::plant::spread::PlantVariant;
-use flexor_sim::simulation::closed_loop::RunOptions;
+use flexor_sim::simulation::cases;
+use flexor_sim::simulation::closed_loop::{RunOptions, Simulation};
 use flexor_sim::simulation::start::{Start, plant_for};
-use flexor_sim::simulation::{cases, closed_loop};
 
 fn main() {
     divan::main();
@@ -67,7 +67,10 @@ fn run_2_s_in_closed_loop(bencher: divan::Bencher<'_, '_>, elements: usize) {
         plant: cases::plant(elements, 0.9),
         start: Start::PlanAtRest,
     };
-    bencher.bench(|| closed_loop::run::<f32>(&plan, &image, &options));
+    bencher.bench(|| {
+        let mut simulation = Simulation::<f32>::new(&plan, &image, &options).expect("a simulation");
+        simulation.run(|_| {})
+    });
 }
 
 /// Linearisation of the 3-element plant at one point, by dual numbers.

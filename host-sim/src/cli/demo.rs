@@ -5,9 +5,9 @@ use super::{
 };
 use crate::files::export;
 use crate::report;
+use crate::simulation::cases;
 use crate::simulation::cases::{CASES, PLANTS};
-use crate::simulation::closed_loop::{Run, RunOptions};
-use crate::simulation::{cases, closed_loop};
+use crate::simulation::closed_loop::{Run, RunOptions, Simulation};
 use clap::Args;
 use serde_json::{Value, json};
 use std::io::Write;
@@ -62,7 +62,7 @@ pub(super) fn demo(args: &DemoArgs) -> Result<(), CliError> {
                 start: case.start,
             };
             let (plan, image) = (&planned[used].plan, &planned[used].table.image);
-            let run = closed_loop::run::<f32>(plan, image, &options)?;
+            let run = Simulation::<f32>::new(plan, image, &options)?.run(|_| {});
             let folder = args.out.join(format!("{}_{plant}", case.name));
             let folder = Output::new(&folder)?;
             folder.write("run.csv", |w| export::run_csv(&run, w))?;

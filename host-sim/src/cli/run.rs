@@ -104,15 +104,15 @@ pub(super) fn run_command(args: &RunArgs) -> Result<(), CliError> {
     let progress = progress_bar(plan.points.len() as u64, "ticks, {eta} left");
     let (run, saturations) = match args.number {
         NumberArg::F32 => {
-            let run = closed_loop::run_with::<f32>(plan, image, options, |_, _| progress.inc(1))?;
-            (run, None)
+            let mut simulation = closed_loop::Simulation::<f32>::new(plan, image, options)?;
+            (simulation.run(|_| progress.inc(1)), None)
         }
         NumberArg::F64 => {
-            let run = closed_loop::run_with::<f64>(plan, image, options, |_, _| progress.inc(1))?;
-            (run, None)
+            let mut simulation = closed_loop::Simulation::<f64>::new(plan, image, options)?;
+            (simulation.run(|_| progress.inc(1)), None)
         }
         NumberArg::Fixed => {
-            let (run, saturations) = run_fixed(plan, image, options, |_, _| progress.inc(1))?;
+            let (run, saturations) = run_fixed(plan, image, options, |_| progress.inc(1))?;
             (run, Some(saturations))
         }
     };

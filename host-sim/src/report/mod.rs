@@ -99,7 +99,7 @@ pub(crate) mod testing {
     use crate::planner::plan::{Plan, PlanOptions, plan};
     use crate::planner::task::{Task, Window};
     use crate::plant::PlantParameters;
-    use crate::simulation::closed_loop::{Run, RunOptions, run};
+    use crate::simulation::closed_loop::{Run, RunOptions, Simulation};
     use crate::simulation::start::Start;
     use crate::testing::PAPER;
     use flexor::control::{LawParameters, LimitParameters};
@@ -131,7 +131,9 @@ pub(crate) mod testing {
             },
             start: Start::PlanAtRest,
         };
-        let run = run::<f32>(&plan, &image, &options).unwrap();
+        let run = Simulation::<f32>::new(&plan, &image, &options)
+            .unwrap()
+            .run(|_| {});
         (plan, run)
     }
 }
