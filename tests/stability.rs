@@ -16,6 +16,7 @@ use flexor_sim::analysis::stability::sampled::with_gains_times;
 use flexor_sim::analysis::stability::tune::{Prediction, TuneOptions, tune};
 use flexor_sim::files::config;
 use flexor_sim::model::configuration::State;
+use flexor_sim::model::forward::Workspace;
 use flexor_sim::planner::limits::default_limits;
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::table_fit;
@@ -120,6 +121,7 @@ fn nonlinear(
         torque,
         &state,
         &mut slope,
+        &mut Workspace::new(model),
     );
     // The tip's acceleration along the surface, by the change of its velocity.
     let velocity = |angle: [f64; 2], rate: [f64; 2]| {

@@ -330,7 +330,7 @@ pub fn energy(model: &ArmModel, state: State<'_, f64>) -> f64 {
 mod tests {
     use super::*;
     use crate::model::configuration::Surface;
-    use crate::model::forward::{Actuation, forward};
+    use crate::model::forward::{Actuation, Workspace, forward};
     use crate::testing;
 
     /// A state away from every symmetry, on the surface's position level.
@@ -357,8 +357,15 @@ mod tests {
                 geometric_stiffness: false,
             };
             let mut q_acceleration = vec![0.0; model.dof()];
-            let (acceleration, force) =
-                forward(&model, &surface, state, &drive, &mut q_acceleration);
+            let mut workspace = Workspace::new(&model);
+            let (acceleration, force) = forward(
+                &model,
+                &surface,
+                state,
+                &drive,
+                &mut workspace,
+                &mut q_acceleration,
+            );
             let motion = Motion {
                 joint: JointMotion {
                     angle: state.angle(),
@@ -489,8 +496,15 @@ mod tests {
                     torque,
                     geometric_stiffness: geometric,
                 };
-                let (acceleration, force) =
-                    forward(&model, &surface, State(&state), &drive, &mut q_acceleration);
+                let mut workspace = Workspace::new(&model);
+                let (acceleration, force) = forward(
+                    &model,
+                    &surface,
+                    State(&state),
+                    &drive,
+                    &mut workspace,
+                    &mut q_acceleration,
+                );
                 assert!((force - 1.7).abs() < 1e-9, "{force}");
                 assert!(
                     acceleration

@@ -14,7 +14,7 @@
 use crate::model::arm_model::{ArmModel, ModelError, dot};
 use crate::model::configuration::{Configuration, State, Surface};
 use crate::model::dynamics;
-use crate::model::forward::{Actuation, forward};
+use crate::model::forward::{Actuation, Workspace, forward};
 use crate::plant::PlantParameters;
 use crate::plant::friction::friction;
 use crate::plant::integrator::{Integrator, STEP_TIMES_FREQUENCY};
@@ -79,6 +79,7 @@ pub fn derivative<T: Real>(
     torque: [T; 2],
     state: &[T],
     derivative: &mut [T],
+    workspace: &mut Workspace<T>,
 ) -> T {
     let n = model.dof();
     let view = State(state);
@@ -93,7 +94,8 @@ pub fn derivative<T: Real>(
         torque: [torque[0] - lost[0], torque[1] - lost[1]],
         geometric_stiffness: parameters.geometric_stiffness,
     };
-    let (acceleration, force) = forward(model, surface, view, &drive, &mut derivative[4 + n..]);
+    let q_acceleration = &mut derivative[4 + n..];
+    let (acceleration, force) = forward(model, surface, view, &drive, workspace, q_acceleration);
     derivative[0] = rate1;
     derivative[1] = rate2;
     derivative[2] = acceleration[0];
@@ -132,6 +134,9 @@ pub struct Plant {
     /// Steps taken so far.
     steps: u64,
     state: Vec<f64>,
+    /// Reused, so that a period allocates nothing: see [`read`](Self::read).
+    slope: Vec<f64>,
+    workspace: Workspace<f64>,
     integrator: Integrator,
 }
 
@@ -157,6 +162,8 @@ impl Plant {
         assert_eq!(state.len(), 4 + 2 * model.dof(), "length of the state");
         let angle = State(state.as_slice()).angle();
         let mut plant = Self {
+            slope: vec![0.0; state.len()],
+            workspace: Workspace::new(&model),
             model,
             parameters: *parameters,
             surface,
@@ -219,15 +226,15 @@ impl Plant {
 
     /// What can be seen, with the drives giving `torque` (N m): the contact force
     /// follows the torque at once.
-    pub fn read(&self, torque: [f64; 2]) -> Reading {
-        let mut slope = vec![0.0; self.state.len()];
+    pub fn read(&mut self, torque: [f64; 2]) -> Reading {
         let force = derivative(
             &self.model,
             &self.parameters,
             &self.surface,
             torque,
             &self.state,
-            &mut slope,
+            &mut self.slope,
+            &mut self.workspace,
         );
         let state = State(self.state.as_slice());
         Reading {
@@ -270,6 +277,7 @@ impl Plant {
                         torque(t + share * h),
                         state,
                         slope,
+                        &mut self.workspace,
                     );
                 });
             self.project();

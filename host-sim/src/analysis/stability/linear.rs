@@ -12,6 +12,7 @@ use super::dual::Dual;
 use crate::model::arm_model::ArmModel;
 use crate::model::configuration::Surface;
 use crate::model::dynamics;
+use crate::model::forward::Workspace;
 use crate::planner::plan::{Plan, Sampler};
 use crate::plant;
 use crate::plant::spread::PlantVariant;
@@ -148,6 +149,7 @@ pub fn derivative<T: Real>(
         torque,
         &full,
         &mut slope,
+        &mut Workspace::new(model),
     );
 
     rate[..m].copy_from_slice(&y[m..]);
