@@ -21,7 +21,7 @@ use crate::planner::collocation::Solution;
 use crate::planner::elastic_bvp::{Deflection, first_mesh, largest};
 use crate::planner::path::{LinePath, TipMotion};
 use crate::planner::task::{Equations, PlanError, Task, surface};
-use crate::planner::zeros::zeros_of;
+use crate::planner::zeros::fastest_zero;
 use crate::text::Shortest;
 use flexor::model::{ArmParameters, JointMotion};
 use nalgebra::DVector;
@@ -138,15 +138,7 @@ impl Branch {
 /// where it is nearest to joint 1.
 fn check_path(model: &ArmModel, path: &LinePath) -> Result<(), PlanError> {
     for share in [0.0, path.nearest_share(), 1.0] {
-        let t_s = path.time_of_share(share);
-        let point_m = [0, 1].map(|i| path.from[i] + share * (path.to[i] - path.from[i]));
-        if let Err(source) = model.kinematics.inverse(point_m, model.arm.elbow) {
-            return Err(PlanError::Path {
-                t_s,
-                point_m,
-                source,
-            });
-        }
+        angles_at(model, path, share)?;
     }
     Ok(())
 }
@@ -186,6 +178,19 @@ impl Default for PlanOptions {
 /// # Errors
 /// [`PlanError`]: paths that cannot be followed, durations out of range, motions for
 /// which no deflection is found.
+///
+/// ```
+/// use flexor_sim::files::config::{self, DEFAULT_ARM, DEFAULT_TASK};
+/// use flexor_sim::planner::plan::{PlanOptions, plan};
+///
+/// let arm = config::parse_arm("arm.toml", DEFAULT_ARM)?.arm;
+/// let task = config::parse_task("task.toml", DEFAULT_TASK)?;
+/// let plan = plan(&arm, &task, &PlanOptions::default())?;
+/// assert_eq!(plan.ticks, 10_000);
+/// assert!((plan.points[5_000].tip.position[0] - 0.45).abs() < 1e-9);
+/// assert!(plan.error_estimate() < 1e-7);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<Plan, PlanError> {
     let PlanOptions {
         elements,
@@ -199,91 +204,22 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
     let path = task.path;
     check_path(&model, &path)?;
 
+    let ends = [
+        angles_at(&model, &path, 0.0)?,
+        angles_at(&model, &path, 1.0)?,
+    ];
+    let (pre_ticks, ticks) = ticks(&model, task, ends, force, tick_rate_hz)?;
     let rate = f64::from(tick_rate_hz);
-    let configuration = |share: f64| {
-        let point = [0, 1].map(|i| path.from[i] + share * (path.to[i] - path.from[i]));
-        let t_s = path.time_of_share(share);
-        model
-            .kinematics
-            .inverse(point, arm.elbow)
-            .map_err(|source| PlanError::Path {
-                t_s,
-                point_m: point,
-                source,
-            })
-    };
-    let (start, end) = (configuration(0.0)?, configuration(1.0)?);
-    let pre = Task::window(&model, task.pre_actuation, start, force, true)?;
-    let post = Task::window(&model, task.post_actuation, end, force, false)?;
-
-    // Whole ticks, rounded up: the tip rests for the remainder of the last one.
-    let whole = |seconds: f64| (seconds * rate - 1e-6).ceil().max(0.0);
-    let refuse = |what, value_s: f64, accepted: String| PlanError::Duration {
-        what,
-        value_s,
-        ticks: value_s * rate,
-        tick_rate_hz,
-        accepted,
-    };
-    if !(path.duration * rate >= TICKS_MIN) {
-        return Err(refuse(
-            "duration_s",
-            path.duration,
-            format!("{TICKS_MIN} or more"),
-        ));
-    }
-    let total = pre + path.duration + post;
-    if !(total * rate <= TICKS_MAX) {
-        return Err(refuse(
-            "the whole motion",
-            total,
-            format!(
-                "up to {} ({} s)",
-                Shortest(TICKS_MAX),
-                Shortest(TICKS_MAX / rate)
-            ),
-        ));
-    }
-    let pre_ticks = whole(pre) as u32;
-    let ticks = pre_ticks + whole(path.duration + post) as u32;
     let span = [
         -f64::from(pre_ticks) / rate,
         f64::from(ticks - pre_ticks) / rate,
     ];
 
-    let rest = |angle, end| {
-        let at_rest = match equations {
-            Equations::Exact => dynamics::equilibrium(&model, angle, force, false)
-                .map(|(q, _)| model.deflection(&q)),
-            Equations::AsPrinted => {
-                let joint = JointMotion {
-                    angle,
-                    ..JointMotion::default()
-                };
-                let configuration = Configuration::new(&model, angle);
-                let equation =
-                    dynamics::deflection_equation(&model, &joint, &configuration, force, true);
-                model.nodal.stiffness.clone().lu().solve(&equation.constant)
-            }
-        };
-        at_rest
-            .filter(|w| w.iter().all(|x| x.is_finite()))
-            .ok_or(PlanError::Buckled { end })
-    };
-    let (rest_start, rest_end) = (rest(start, false)?, rest(end, true)?);
-    let zeros = zeros_of(&model, start, force);
-    let growing = zeros.iter().filter(|zero| zero.re > 0.0).count();
-    if 2 * growing != zeros.len() {
-        return Err(PlanError::Unpaired {
-            growing,
-            decaying: zeros.len() - growing,
-            tip_inertia_kgm2: arm.tip_inertia_kgm2,
-        });
-    }
-    let fastest = zeros
-        .iter()
-        .map(|zero| zero.re.hypot(zero.im))
-        .fold(1.0, f64::max);
+    let [start, end] = ends;
+    let rest_start =
+        resting(&model, start, force, equations).ok_or(PlanError::Buckled { end: false })?;
+    let rest_end =
+        resting(&model, end, force, equations).ok_or(PlanError::Buckled { end: true })?;
     let problem = Deflection {
         model: &model,
         path: &path,
@@ -291,7 +227,7 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
         as_printed: equations == Equations::AsPrinted,
         mass: dynamics::eliminated_mass(&model),
         tolerance: [options.tolerance, TORQUE_PER_DEFLECTION * options.tolerance],
-        resolution: 0.1 / fastest,
+        resolution: 0.1 / fastest_zero(&model, start, force)?,
     };
     let mesh = first_mesh(span, path.duration, problem.resolution);
     let solution =
@@ -317,6 +253,80 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
     }
     plan.tabulate()?;
     Ok(plan)
+}
+
+/// The joint angles, rad, at the given share of the way.
+fn angles_at(model: &ArmModel, path: &LinePath, share: f64) -> Result<[f64; 2], PlanError> {
+    let point_m = [0, 1].map(|i| path.from[i] + share * (path.to[i] - path.from[i]));
+    let t_s = path.time_of_share(share);
+    let angles = model.kinematics.inverse(point_m, model.arm.elbow);
+    angles.map_err(|source| PlanError::Path {
+        t_s,
+        point_m,
+        source,
+    })
+}
+
+/// Control periods before the path's start, and of the whole plan. The path's `ends` are in
+/// joint angles (rad), the `force` in N, inertial axes.
+fn ticks(
+    model: &ArmModel,
+    task: &Task,
+    ends: [[f64; 2]; 2],
+    force: [f64; 2],
+    tick_rate_hz: u32,
+) -> Result<(u32, u32), PlanError> {
+    let rate = f64::from(tick_rate_hz);
+    let pre = Task::window(model, task.pre_actuation, ends[0], force, true)?;
+    let post = Task::window(model, task.post_actuation, ends[1], force, false)?;
+    let duration = task.path.duration;
+    let refuse = |what, value_s: f64, accepted: String| PlanError::Duration {
+        what,
+        value_s,
+        ticks: value_s * rate,
+        tick_rate_hz,
+        accepted,
+    };
+    if !(duration * rate >= TICKS_MIN) {
+        let accepted = format!("{TICKS_MIN} or more");
+        return Err(refuse("duration_s", duration, accepted));
+    }
+    let total = pre + duration + post;
+    if !(total * rate <= TICKS_MAX) {
+        let longest = Shortest(TICKS_MAX / rate);
+        let accepted = format!("up to {} ({longest} s)", Shortest(TICKS_MAX));
+        return Err(refuse("the whole motion", total, accepted));
+    }
+    // Whole ticks, rounded up: the tip rests for the remainder of the last one.
+    let whole = |seconds: f64| (seconds * rate - 1e-6).ceil().max(0.0);
+    let pre_ticks = whole(pre) as u32;
+    Ok((pre_ticks, pre_ticks + whole(duration + post) as u32))
+}
+
+/// The resting deflection, nodal, at the joint angles `angle` (rad) under `force` (N,
+/// inertial axes); `None` where the link buckles.
+fn resting(
+    model: &ArmModel,
+    angle: [f64; 2],
+    force: [f64; 2],
+    equations: Equations,
+) -> Option<DVector<f64>> {
+    let at_rest = match equations {
+        Equations::Exact => {
+            dynamics::equilibrium(model, angle, force, false).map(|(q, _)| model.deflection(&q))
+        }
+        Equations::AsPrinted => {
+            let joint = JointMotion {
+                angle,
+                ..JointMotion::default()
+            };
+            let configuration = Configuration::new(model, angle);
+            let equation =
+                dynamics::deflection_equation(model, &joint, &configuration, force, true);
+            model.nodal.stiffness.clone().lu().solve(&equation.constant)
+        }
+    };
+    at_rest.filter(|w| w.iter().all(|x| x.is_finite()))
 }
 
 impl Plan {

@@ -5,12 +5,13 @@
 use crate::model::arm_model::ArmModel;
 use crate::model::configuration::Configuration;
 use crate::model::dynamics;
+use crate::planner::task::PlanError;
 use flexor::model::JointMotion;
 use nalgebra::{Complex, DMatrix};
 
 /// Zeros of the arm at rest at `angle` under `force` (N, inertial axes): growth rates,
 /// 1/s, of the deflection with a fixed tip.
-pub(super) fn zeros_of(model: &ArmModel, angle: [f64; 2], force: [f64; 2]) -> Vec<Complex<f64>> {
+fn zeros_of(model: &ArmModel, angle: [f64; 2], force: [f64; 2]) -> Vec<Complex<f64>> {
     let n = model.dof();
     let joint = JointMotion {
         angle,
@@ -46,4 +47,29 @@ pub fn slowest_zeros(model: &ArmModel, angle: [f64; 2], force: [f64; 2]) -> [f64
             .fold(f64::INFINITY, f64::min)
     };
     [slowest(1.0), -slowest(-1.0)]
+}
+
+/// Magnitude, 1/s and at least 1, of the fastest zero of the arm at rest at `angle` under
+/// `force` (N, inertial axes).
+///
+/// # Errors
+/// [`PlanError::Unpaired`] where there are not as many growing as decaying zeros.
+pub(super) fn fastest_zero(
+    model: &ArmModel,
+    angle: [f64; 2],
+    force: [f64; 2],
+) -> Result<f64, PlanError> {
+    let zeros = zeros_of(model, angle, force);
+    let growing = zeros.iter().filter(|zero| zero.re > 0.0).count();
+    if 2 * growing != zeros.len() {
+        return Err(PlanError::Unpaired {
+            growing,
+            decaying: zeros.len() - growing,
+            tip_inertia_kgm2: model.arm.tip_inertia_kgm2,
+        });
+    }
+    Ok(zeros
+        .iter()
+        .map(|zero| zero.re.hypot(zero.im))
+        .fold(1.0, f64::max))
 }

@@ -42,32 +42,8 @@ impl<P: Problem> Solver<'_, P> {
             .copy_from(&(DVector::from_column_slice(self.ends[0]) - iterate.points[0].rows(0, n)));
         for i in 0..intervals {
             let part = self.eliminate(iterate, i).ok_or_else(|| singular(i))?;
-            // Rows: conditions; relation `next - right here = constant`. Columns: here |
-            // next, 1.
-            let mut here = DMatrix::zeros(3 * n, 2 * n);
-            let mut rest = DMatrix::zeros(3 * n, 2 * n + 1);
-            here.rows_mut(0, n).copy_from(&conditions.columns(0, 2 * n));
-            here.rows_mut(n, 2 * n)
-                .copy_from(&-part.right.columns(0, 2 * n));
-            rest.view_mut((n, 0), (2 * n, 2 * n)).fill_diagonal(1.0);
-            rest.view_mut((0, 2 * n), (n, 1))
-                .copy_from(&conditions.column(2 * n));
-            rest.view_mut((n, 2 * n), (2 * n, 1))
-                .copy_from(&part.right.column(2 * n));
-            equilibrate(&mut here, &mut rest);
-            let lu = here.lu();
-            lu.p().permute_rows(&mut rest);
-            let lower = lu.l();
-            let mut solved = rest.rows(0, 2 * n).into_owned();
-            lower
-                .rows(0, 2 * n)
-                .solve_lower_triangular_with_diag_mut(&mut solved, 1.0);
-            conditions = rest.rows(2 * n, n) - lower.rows(2 * n, n) * &solved;
+            backward.push(carry(&mut conditions, &part.right));
             parts.push(part);
-            backward.push(Backward {
-                upper: lu.u(),
-                next: solved,
-            });
         }
 
         let mut matrix = DMatrix::zeros(2 * n, 2 * n);
@@ -116,25 +92,13 @@ impl<P: Problem> Solver<'_, P> {
         let mass = self.problem.mass();
         let Method { once, twice, .. } = &self.method;
         let (t, h) = (iterate.mesh[i], iterate.mesh[i + 1] - iterate.mesh[i]);
-        let (point, stages) = (&iterate.points[i], &iterate.stages[i]);
-        // `q` and rate at share `x` of the interval, row `row` of the integrals.
-        let integrate = |row: usize, x: f64, q: &mut [f64], rate: &mut [f64]| {
-            for k in 0..n {
-                let (mut first, mut second) = (0.0, 0.0);
-                for s in 0..STAGES {
-                    first += once[row][s] * stages[s * n + k];
-                    second += twice[row][s] * stages[s * n + k];
-                }
-                q[k] = point[k] + h * (x * point[n + k] + h * second);
-                rate[k] = point[n + k] + h * first;
-            }
-        };
+        let stages = &iterate.stages[i];
         let mut system = DMatrix::zeros(STAGES * n, STAGES * n);
         let mut solved = DMatrix::zeros(STAGES * n, 2 * n + 1);
         let [mut q, mut rate, mut value] = [(); 3].map(|()| vec![0.0; n]);
         let (mut by_q, mut by_rate) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
         for (j, x) in ABSCISSAS.iter().enumerate() {
-            integrate(j, *x, &mut q, &mut rate);
+            self.integrate(iterate, i, (j, *x), &mut q, &mut rate);
             self.problem
                 .linearise(t + x * h, &q, &rate, &mut value, &mut by_q, &mut by_rate);
             for column in 0..n {
@@ -164,13 +128,26 @@ impl<P: Problem> Solver<'_, P> {
             return None;
         }
 
+        let right = self.relation(iterate, i, &solved);
+        Some(Eliminated {
+            stages: solved,
+            right,
+        })
+    }
+
+    /// The corrections of `q` and rate at the right end of interval `i`, from those of the
+    /// second derivatives, `stages`, as in [`Eliminated`].
+    fn relation(&self, iterate: &Iterate, i: usize, stages: &DMatrix<f64>) -> DMatrix<f64> {
+        let n = self.problem.functions();
+        let Method { once, twice, .. } = &self.method;
+        let h = iterate.mesh[i + 1] - iterate.mesh[i];
         let mut right = DMatrix::zeros(2 * n, 2 * n + 1);
         for (column, mut right) in right.column_iter_mut().enumerate() {
-            let solved = solved.column(column);
+            let stages = stages.column(column);
             for s in 0..STAGES {
                 for k in 0..n {
-                    right[k] += h * h * twice[STAGES][s] * solved[s * n + k];
-                    right[n + k] += h * once[STAGES][s] * solved[s * n + k];
+                    right[k] += h * h * twice[STAGES][s] * stages[s * n + k];
+                    right[n + k] += h * once[STAGES][s] * stages[s * n + k];
                 }
             }
         }
@@ -180,16 +157,68 @@ impl<P: Problem> Solver<'_, P> {
             right[(n + k, n + k)] += 1.0;
         }
         // How far the iterate's right end is from its next point.
-        integrate(STAGES, 1.0, &mut q, &mut rate);
+        let [mut q, mut rate] = [(); 2].map(|()| vec![0.0; n]);
+        self.integrate(iterate, i, (STAGES, 1.0), &mut q, &mut rate);
         let next = &iterate.points[i + 1];
         for k in 0..n {
             right[(k, 2 * n)] += q[k] - next[k];
             right[(n + k, 2 * n)] += rate[k] - next[n + k];
         }
-        Some(Eliminated {
-            stages: solved,
-            right,
-        })
+        right
+    }
+
+    /// `q` and rate of the iterate in interval `i`: at `x`, 0 to 1 over the interval, which
+    /// has the row `row` of the integrals.
+    fn integrate(
+        &self,
+        iterate: &Iterate,
+        i: usize,
+        (row, x): (usize, f64),
+        q: &mut [f64],
+        rate: &mut [f64],
+    ) {
+        let n = self.problem.functions();
+        let Method { once, twice, .. } = &self.method;
+        let h = iterate.mesh[i + 1] - iterate.mesh[i];
+        let (point, stages) = (&iterate.points[i], &iterate.stages[i]);
+        for k in 0..n {
+            let (mut first, mut second) = (0.0, 0.0);
+            for s in 0..STAGES {
+                first += once[row][s] * stages[s * n + k];
+                second += twice[row][s] * stages[s * n + k];
+            }
+            q[k] = point[k] + h * (x * point[n + k] + h * second);
+            rate[k] = point[n + k] + h * first;
+        }
+    }
+}
+
+/// Carries the n `conditions` on a mesh point's corrections, (matrix, constant), over an
+/// interval with the relation `right` to the next mesh point, where they are left.
+fn carry(conditions: &mut DMatrix<f64>, right: &DMatrix<f64>) -> Backward {
+    let n = conditions.nrows();
+    // Rows: conditions; relation `next - right here = constant`. Columns: here | next, 1.
+    let mut here = DMatrix::zeros(3 * n, 2 * n);
+    let mut rest = DMatrix::zeros(3 * n, 2 * n + 1);
+    here.rows_mut(0, n).copy_from(&conditions.columns(0, 2 * n));
+    here.rows_mut(n, 2 * n).copy_from(&-right.columns(0, 2 * n));
+    rest.view_mut((n, 0), (2 * n, 2 * n)).fill_diagonal(1.0);
+    rest.view_mut((0, 2 * n), (n, 1))
+        .copy_from(&conditions.column(2 * n));
+    rest.view_mut((n, 2 * n), (2 * n, 1))
+        .copy_from(&right.column(2 * n));
+    equilibrate(&mut here, &mut rest);
+    let lu = here.lu();
+    lu.p().permute_rows(&mut rest);
+    let lower = lu.l();
+    let mut solved = rest.rows(0, 2 * n).into_owned();
+    lower
+        .rows(0, 2 * n)
+        .solve_lower_triangular_with_diag_mut(&mut solved, 1.0);
+    *conditions = rest.rows(2 * n, n) - lower.rows(2 * n, n) * &solved;
+    Backward {
+        upper: lu.u(),
+        next: solved,
     }
 }
 
