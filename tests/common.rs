@@ -5,9 +5,10 @@
 
 use flexor::model::ArmParameters;
 use flexor_sim::files::config;
-use flexor_sim::planner::plan::{Plan, PlanOptions, Task, Window, plan};
+use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::table_fit;
 use flexor_sim::planner::table_fit::EncodedTable;
+use flexor_sim::planner::task::{Task, Window};
 use std::path::PathBuf;
 
 /// A reference file of numbers: the header's names and the rows.

@@ -6,23 +6,27 @@ use flexor::table::Table;
 use flexor_sim::analysis::stability::StabilityError;
 use flexor_sim::analysis::stability::advice::warning;
 use flexor_sim::analysis::stability::linear::{
-    ANGLE1, ANGLE2, FORCE, Linear, OperatingPoint, PlantVariant, SLOPE, SLOPE_RATE, TIP,
+    ANGLE1, ANGLE2, FORCE, Linear, OperatingPoint, SLOPE, SLOPE_RATE, TIP,
 };
 use flexor_sim::analysis::stability::map::GainId;
 use flexor_sim::analysis::stability::path;
-use flexor_sim::analysis::stability::path::{Report, Spread};
+use flexor_sim::analysis::stability::path::Report;
 use flexor_sim::analysis::stability::printed::Printed;
 use flexor_sim::analysis::stability::sampled::with_gains_times;
 use flexor_sim::analysis::stability::tune::{Prediction, TuneOptions, tune};
 use flexor_sim::files::config;
-use flexor_sim::model::dynamics::State;
+use flexor_sim::model::configuration::State;
+use flexor_sim::model::forward::Workspace;
 use flexor_sim::planner::limits::default_limits;
-use flexor_sim::planner::plan::{Plan, PlanOptions, Task, plan};
+use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::table_fit;
+use flexor_sim::planner::task::Task;
 use flexor_sim::plant;
-use flexor_sim::plant::{Plant, PlantParameters, Start};
-use flexor_sim::simulation::closed_loop::{Outcome, RunOptions, measurement};
-use flexor_sim::simulation::{cases, closed_loop};
+use flexor_sim::plant::PlantParameters;
+use flexor_sim::plant::spread::{PlantVariant, Spread};
+use flexor_sim::simulation::cases;
+use flexor_sim::simulation::closed_loop::{Outcome, RunOptions, Simulation, measurement};
+use flexor_sim::simulation::start::{Start, plant_for};
 use flexor_tests::{paper_arm, paper_task, planned};
 
 fn default_law() -> LawParameters {
@@ -44,7 +48,7 @@ fn paper_plan(tick_rate_hz: u32) -> Plan {
 #[test]
 fn at_the_papers_start_the_poles_are_the_independent_ones() {
     let plan = paper_plan(5000);
-    let variant = PlantVariant::planned(&plan).unwrap();
+    let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
     let point = OperatingPoint::new(&plan, &mut plan.sampler(), &variant, 0.0).unwrap();
     let poles = Linear::new(&variant, &point).unwrap().poles();
     assert_eq!(poles.len(), 14);
@@ -117,6 +121,7 @@ fn nonlinear(
         torque,
         &state,
         &mut slope,
+        &mut Workspace::new(model),
     );
     // The tip's acceleration along the surface, by the change of its velocity.
     let velocity = |angle: [f64; 2], rate: [f64; 2]| {
@@ -159,7 +164,8 @@ fn the_linearisation_is_the_derivative_of_the_constrained_plant() {
             ..PlantParameters::default()
         };
         for (parameters, angle) in [(planned_plant(&plan), 0.0), (rich, 0.03)] {
-            let variant = PlantVariant::new(&plan, &parameters, angle).unwrap();
+            let variant =
+                PlantVariant::new(&plan.model.arm, plan.tick_rate_hz, &parameters, angle).unwrap();
             let mut sampler = plan.sampler();
             for t in [0.0, 0.7, 1.1, 1.6, 2.0] {
                 let point = OperatingPoint::new(&plan, &mut sampler, &variant, t).unwrap();
@@ -231,7 +237,7 @@ fn grows(plan: &Plan, image: &[u8], law: &LawParameters, duration: f64) -> bool 
     };
     let table = Table::open(image).unwrap();
     let mut controller = Controller::<f64>::new(&table, &plan.model.arm, law, &limits).unwrap();
-    let mut plant = Plant::new(plan, &planned_plant(plan), Start::Equilibrium).unwrap();
+    let mut plant = plant_for(plan, &planned_plant(plan), Start::Equilibrium).unwrap();
     let mut state = plant.state().to_vec();
     let n = plan.model.dof();
     // Some millinewtons: far above the table's rounding, far below what bends the arm.
@@ -287,7 +293,7 @@ fn rays() -> Vec<LawParameters> {
 
 /// The factor on `law`'s gains at which the predicted loop becomes unstable.
 fn predicted_edge(plan: &Plan, law: &LawParameters) -> f64 {
-    let variant = PlantVariant::planned(plan).unwrap();
+    let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
     let spots = path::spots(plan, &variant, &path::times(plan, 2)).unwrap();
     let stable = |factor: f64| {
         let law = with_gains_times(law, factor);
@@ -325,7 +331,7 @@ fn compare_edges(tick_rate_hz: u32) {
         let image = table_fit::encode(&plan).unwrap().image;
         let edge = predicted_edge(&plan, ray);
         let beyond = with_gains_times(ray, 1.05 * edge);
-        let variant = PlantVariant::planned(&plan).unwrap();
+        let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
         let spots = path::spots(&plan, &variant, &[0.0]).unwrap();
         let verdict = spots[0].verdict(&plan, &beyond, 0.0);
         let growth = verdict.radius.ln() * f64::from(tick_rate_hz);
@@ -424,7 +430,10 @@ fn the_default_gains_keep_their_margins_over_path_and_spread() {
         bending_stiffness_scale: vec![0.8, 1.2],
         ..Spread::none()
     };
-    for (name, variant) in other.variants(&plan, &planned_plant(&plan)).unwrap() {
+    for (name, variant) in other
+        .variants(&plan.model.arm, plan.tick_rate_hz, &planned_plant(&plan))
+        .unwrap()
+    {
         let times = path::times(&plan, 11);
         let summary = path::quick_check(&plan, &name, &variant, &law, &times).unwrap();
         assert!(summary.stable, "{summary:?}");
@@ -439,9 +448,8 @@ fn simulated(plan: &Plan, image: &[u8], law: &LawParameters, start: Start) -> [f
         plant: cases::plant(plan.model.elements, 0.9),
         start,
     };
-    let summary = closed_loop::run::<f32>(plan, image, &options)
-        .unwrap()
-        .summary;
+    let mut simulation = Simulation::<f32>::new(plan, image, &options).unwrap();
+    let summary = simulation.run(|_| {}).summary;
     assert_eq!(summary.outcome, Outcome::Completed);
     [summary.force_error_rms, summary.tip_error_rms]
 }
@@ -459,7 +467,13 @@ fn the_default_gains_divide_the_softer_arms_force_error_by_three() {
 #[test]
 fn errors_are_predicted_as_they_are_simulated() {
     let (plan, table) = planned(&paper_arm(), &paper_task());
-    let variant = PlantVariant::new(&plan, &cases::plant(3, 0.9), 0.0).unwrap();
+    let variant = PlantVariant::new(
+        &plan.model.arm,
+        plan.tick_rate_hz,
+        &cases::plant(3, 0.9),
+        0.0,
+    )
+    .unwrap();
     let prediction = Prediction::new(&plan, "softer", &variant).unwrap();
     for law in [LawParameters::FEEDFORWARD, default_law()] {
         let predicted = prediction.errors(&plan, &law);
@@ -509,7 +523,7 @@ fn tuning_is_repeatable_and_keeps_its_margins() {
 fn margins_are_where_the_loop_becomes_unstable() {
     let plan = paper_plan(5000);
     let law = default_law();
-    let variant = PlantVariant::planned(&plan).unwrap();
+    let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
     let spots = path::spots(&plan, &variant, &[0.0, 1.0, 1.9]).unwrap();
     for spot in spots {
         let gain = spot.gain_margin_db(&plan, &law, 2.5, path::GAIN_MARGIN_MAX_DB);
@@ -582,7 +596,7 @@ fn gains_that_no_controller_has_are_refused_by_name() {
 #[test]
 fn the_printed_linearisation_misses_the_sliding() {
     let plan = paper_plan(5000);
-    let variant = PlantVariant::planned(&plan).unwrap();
+    let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
     let point = OperatingPoint::new(&plan, &mut plan.sampler(), &variant, 0.0).unwrap();
     let law = LawParameters {
         force_derivative_s: 1e-3,

@@ -8,8 +8,9 @@ use flexor_sim::files::config;
 use flexor_sim::planner::limits::default_limits;
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::table_fit::{EncodedTable, encode};
-use flexor_sim::plant::{PlantParameters, Start};
+use flexor_sim::plant::PlantParameters;
 use flexor_sim::simulation::closed_loop::RunOptions;
+use flexor_sim::simulation::start::Start;
 use flexor_sim::target::SLOT_BYTES;
 use std::path::PathBuf;
 

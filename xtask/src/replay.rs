@@ -15,7 +15,7 @@ use flexor::number::fixed::Fixed;
 use flexor::signals::{Formats, Measurement, Saturation};
 use flexor_sim::analysis::fixed_point::accuracy::run_fixed;
 use flexor_sim::analysis::fixed_point::range;
-use flexor_sim::simulation::closed_loop::run_with;
+use flexor_sim::simulation::closed_loop::Simulation;
 use object::{Object, ObjectSymbol};
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -150,11 +150,16 @@ fn prepare(demo: &Demo) -> Result<(Prepared, PathBuf)> {
         &Formats::default(),
     );
     let mut fixed = Recording::new();
-    run_fixed(plan, image, &options, |m, c| {
-        fixed.add(|x: Fixed| x.to_bits().cast_unsigned(), m, c);
+    run_fixed(plan, image, &options, |step| {
+        fixed.add(
+            |x: Fixed| x.to_bits().cast_unsigned(),
+            &step.measured,
+            &step.command,
+        );
     })?;
     let mut float = Recording::new();
-    run_with::<f32>(plan, image, &options, |m, c| float.add(f32::to_bits, m, c))?;
+    Simulation::<f32>::new(plan, image, &options)?
+        .run(|step| float.add(f32::to_bits, &step.measured, &step.command));
 
     let out = firmware::target_folder().join("replay");
     fs::create_dir_all(&out)?;

@@ -5,9 +5,9 @@ use super::{
     CliError, Common, Output, controller, gains, pages, print, print_facts, progress_bar, results,
 };
 use crate::files::export;
+use crate::simulation::cases;
 use crate::simulation::cases::{CASES, PLANTS};
-use crate::simulation::closed_loop::{Run, RunOptions};
-use crate::simulation::{cases, closed_loop};
+use crate::simulation::closed_loop::{Run, RunOptions, Simulation};
 use clap::Args;
 use flexor::control::LawParameters;
 use indicatif::ProgressBar;
@@ -123,7 +123,7 @@ fn run_cases(
                 start: case.start,
             };
             let (plan, image) = (&planned[used].plan, &planned[used].table.image);
-            let run = closed_loop::run::<f32>(plan, image, &options)?;
+            let run = Simulation::<f32>::new(plan, image, &options)?.run(|_| {});
             let folder = args.out.join(format!("{}_{plant}", case.name));
             let folder = Output::new(&folder)?;
             folder.write("run.csv", |w| export::run_csv(&run, w))?;

@@ -4,7 +4,7 @@ use crate::analysis::fixed_point::accuracy::AccuracyError;
 use crate::analysis::fixed_point::range::RangeError;
 use crate::analysis::stability::StabilityError;
 use crate::files::config::ConfigError;
-use crate::planner::plan::PlanError;
+use crate::planner::task::PlanError;
 use crate::simulation::closed_loop::{Outcome, RunError};
 #[cfg(feature = "target")]
 use crate::target::TargetError;

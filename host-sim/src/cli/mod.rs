@@ -28,7 +28,7 @@ use self::error::CliError;
 use self::output::{Output, print, print_facts, progress_bar, results, say};
 use crate::files::config;
 use crate::files::config::ArmConfig;
-use crate::planner::plan::Task;
+use crate::planner::task::Task;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use flexor::control::LawParameters;
 use std::ffi::OsString;

@@ -4,12 +4,12 @@
 
 use super::CliError;
 use crate::analysis::fixed_point::accuracy::Accuracy;
-use crate::analysis::stability::linear::PlantVariant;
 use crate::analysis::stability::map::GainId;
 use crate::analysis::stability::path::{Report, Summary};
-use crate::analysis::stability::{map, path};
+use crate::analysis::stability::{StabilityError, map, path};
 use crate::planner::plan::Plan;
 use crate::plant::PlantParameters;
+use crate::plant::spread::PlantVariant;
 use crate::report;
 use crate::simulation::closed_loop::Run;
 use flexor::control::LawParameters;
@@ -71,7 +71,8 @@ pub(super) fn accuracy(
 /// Writes figures and page on gains; says where they are.
 pub(super) fn gains(folder: &Path, content: &GainsContent<'_>) -> Result<String, CliError> {
     let GainsContent { plan, report, .. } = *content;
-    let variant = PlantVariant::new(plan, content.plant, 0.0)?;
+    let variant = PlantVariant::new(&plan.model.arm, plan.tick_rate_hz, content.plant, 0.0)
+        .map_err(StabilityError::from)?;
     let start = plan.time(0);
     let spots = path::spots(plan, &variant, &[start])?;
     let map = map::map(plan, &variant, content.law, content.map_of)?;

@@ -9,10 +9,11 @@ use crate::analysis::fixed_point::accuracy::run_fixed;
 use crate::analysis::fixed_point::range;
 use crate::files::{config, export};
 use crate::planner::plan::Plan;
-use crate::plant::{PlantParameters, Start};
+use crate::plant::PlantParameters;
 use crate::simulation::cases::Mode;
 use crate::simulation::closed_loop;
 use crate::simulation::closed_loop::{Outcome, Run, RunOptions};
+use crate::simulation::start::Start;
 use clap::{Args, ValueEnum};
 use flexor::table::Table;
 use serde_json::{Map, Value, json};
@@ -102,15 +103,15 @@ pub(super) fn run_command(args: &RunArgs) -> Result<(), CliError> {
     let progress = progress_bar(plan.points.len() as u64, "ticks, {eta} left");
     let (run, saturations) = match args.number {
         NumberArg::F32 => {
-            let run = closed_loop::run_with::<f32>(plan, image, options, |_, _| progress.inc(1))?;
-            (run, None)
+            let mut simulation = closed_loop::Simulation::<f32>::new(plan, image, options)?;
+            (simulation.run(|_| progress.inc(1)), None)
         }
         NumberArg::F64 => {
-            let run = closed_loop::run_with::<f64>(plan, image, options, |_, _| progress.inc(1))?;
-            (run, None)
+            let mut simulation = closed_loop::Simulation::<f64>::new(plan, image, options)?;
+            (simulation.run(|_| progress.inc(1)), None)
         }
         NumberArg::Fixed => {
-            let (run, saturations) = run_fixed(plan, image, options, |_, _| progress.inc(1))?;
+            let (run, saturations) = run_fixed(plan, image, options, |_| progress.inc(1))?;
             (run, Some(saturations))
         }
     };

@@ -446,7 +446,7 @@ fn optional_pair<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::planner::plan::Window;
+    use crate::planner::task::Window;
 
     #[test]
     fn the_examples_are_the_papers_arm_and_task() {

@@ -97,9 +97,11 @@ fn write_file(path: &Path, text: &str) -> Result<(), ReportError> {
 pub(crate) mod testing {
     //! A short planned motion and a run of it, made once for the tests.
     use crate::planner::path::{LinePath, Profile};
-    use crate::planner::plan::{Plan, PlanOptions, Task, Window, plan};
-    use crate::plant::{PlantParameters, Start};
-    use crate::simulation::closed_loop::{Run, RunOptions, run};
+    use crate::planner::plan::{Plan, PlanOptions, plan};
+    use crate::planner::task::{Task, Window};
+    use crate::plant::PlantParameters;
+    use crate::simulation::closed_loop::{Run, RunOptions, Simulation};
+    use crate::simulation::start::Start;
     use crate::testing::PAPER;
     use flexor::control::{LawParameters, LimitParameters};
 
@@ -130,7 +132,9 @@ pub(crate) mod testing {
             },
             start: Start::PlanAtRest,
         };
-        let run = run::<f32>(&plan, &image, &options).unwrap();
+        let run = Simulation::<f32>::new(&plan, &image, &options)
+            .unwrap()
+            .run(|_| {});
         (plan, run)
     }
 }

@@ -5,7 +5,7 @@
 //! build.
 
 use crate::planner::plan::Plan;
-use crate::simulation::closed_loop::{Run, RunError, RunOptions, run_through};
+use crate::simulation::closed_loop::{Run, RunError, RunLog, RunOptions, Simulation};
 use crate::target::{Target, TargetError};
 use flexor::control::Command;
 use flexor::link::{Refusal, Setup, Status, TickReply};
@@ -150,42 +150,34 @@ pub fn run(
     let mut counts = Vec::with_capacity(plan.points.len());
     let mut differing_commands = 0;
     let mut first_difference = None;
-    let mut failure: Option<PilError> = None;
-    let run = run_through::<f32>(plan, image, options, |measured, command| {
+    let mut simulation = Simulation::<f32>::new(plan, image, options)?;
+    let mut log = RunLog::new(&simulation);
+    while let Some(step) = simulation.step_with(|measured, own| {
         let tick = counts.len();
-        match target.tick(tick as u32, measured) {
-            Ok(reply) => {
-                if !same(&reply, &command) {
-                    differing_commands += 1;
-                    first_difference.get_or_insert(tick);
-                }
-                counts.push(reply.counts);
-                if progress(tick).is_break() {
-                    failure = Some(PilError::Interrupted {
-                        done: counts.len(),
-                        all: plan.points.len(),
-                    });
-                    return None;
-                }
-                Some(Command {
-                    torque: reply.torque,
-                    saturation: reply.saturation,
-                    fault: reply.fault,
-                    ..command
-                })
-            }
-            Err(error) => {
-                failure = Some(error.into());
-                None
-            }
+        let reply = target.tick(tick as u32, measured)?;
+        if !same(&reply, &own) {
+            differing_commands += 1;
+            first_difference.get_or_insert(tick);
         }
-    })?;
-    if let Some(error) = failure {
-        return Err(error);
+        counts.push(reply.counts);
+        if progress(tick).is_break() {
+            return Err(PilError::Interrupted {
+                done: counts.len(),
+                all: plan.points.len(),
+            });
+        }
+        Ok(Command {
+            torque: reply.torque,
+            saturation: reply.saturation,
+            fault: reply.fault,
+            ..own
+        })
+    })? {
+        log.add(&step, simulation.plant());
     }
     Ok(PilRun {
         ticks: counts.len(),
-        run,
+        run: log.finish(),
         slot,
         differing_commands,
         first_difference,

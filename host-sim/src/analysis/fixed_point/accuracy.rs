@@ -17,9 +17,9 @@ use super::exact::Exact;
 use crate::analysis::fixed_point::range;
 use crate::analysis::fixed_point::range::RangeError;
 use crate::planner::plan::Plan;
-use crate::simulation::closed_loop;
-use crate::simulation::closed_loop::{Run, RunError, RunOptions};
-use flexor::control::{Coefficients, Command, Controller, LawParameters, LimitParameters};
+use crate::simulation::closed_loop::{Run, RunError, RunOptions, Simulation, Step};
+use crate::simulation::start::plant_for;
+use flexor::control::{Coefficients, Controller, LawParameters, LimitParameters};
 use flexor::number::Scalar;
 use flexor::number::fixed::{Exponent, Fixed};
 use flexor::signals::{Formats, Measurement, Saturation, SaturationCounts};
@@ -87,23 +87,15 @@ pub fn run_fixed(
     plan: &Plan,
     image: &[u8],
     options: &RunOptions,
-    mut observe: impl FnMut(&Measurement<Fixed>, &Command<Fixed>),
+    observe: impl FnMut(&Step<Fixed>),
 ) -> Result<(Run, SaturationCounts<u32>), AccuracyError> {
     let analysis = range::analyse(plan, image, &options.law, &options.limits)?;
     let table = Table::open(image).map_err(RunError::from)?;
-    let mut controller =
-        Controller::with(&table, &analysis.coefficients).map_err(RunError::from)?;
-    let run = closed_loop::run_controller(
-        plan,
-        &mut controller,
-        analysis.formats(),
-        options,
-        |measured, command| {
-            observe(measured, &command);
-            Some(command)
-        },
-    )?;
-    Ok((run, *controller.saturations()))
+    let controller = Controller::with(&table, &analysis.coefficients).map_err(RunError::from)?;
+    let plant = plant_for(plan, &options.plant, options.start).map_err(RunError::from)?;
+    let mut simulation = Simulation::with_controller(plan, controller, analysis.formats(), plant);
+    let run = simulation.run(observe);
+    Ok((run, *simulation.controller().saturations()))
 }
 
 /// Accuracy of f32 and of fixed point. `progress` is called [`effort`] times, less often
@@ -117,9 +109,9 @@ pub fn measure(
     options: &RunOptions,
     progress: &dyn Fn(),
 ) -> Result<[Accuracy; 2], AccuracyError> {
-    let reference = closed_loop::run_with::<f64>(plan, image, options, |_, _| progress())?;
-    let single = closed_loop::run_with::<f32>(plan, image, options, |_, _| progress())?;
-    let (fixed, saturations) = run_fixed(plan, image, options, |_, _| progress())?;
+    let reference = Simulation::<f64>::new(plan, image, options)?.run(|_| progress());
+    let single = Simulation::<f32>::new(plan, image, options)?.run(|_| progress());
+    let (fixed, saturations) = run_fixed(plan, image, options, |_| progress())?;
     let (law, limits) = (&options.law, &options.limits);
     let analysis = range::analyse(plan, image, law, limits)?;
     let hostile = hostile_law(law, plan.tick_rate_hz);

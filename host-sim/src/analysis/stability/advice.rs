@@ -1,10 +1,10 @@
 //! What is wrong with gains, and what would help: in words.
 
 use super::StabilityError;
-use super::linear::PlantVariant;
 use super::path::{self, FrozenPoint, Summary};
 use super::sampled::with_gains_times;
 use crate::planner::plan::Plan;
+use crate::plant::spread::PlantVariant;
 use crate::text::four_digits;
 use flexor::control::{ForceProjection, LawParameters};
 use rayon::prelude::*;
@@ -169,7 +169,7 @@ pub fn warning(
 ) -> Result<Vec<String>, StabilityError> {
     super::check(law)?;
     let times = path::times(plan, path::DEFAULT_POINTS);
-    let variant = PlantVariant::new(plan, plant, 0.0)?;
+    let variant = PlantVariant::new(&plan.model.arm, plan.tick_rate_hz, plant, 0.0)?;
     let summary = path::quick_check(plan, "simulated plant", &variant, law, &times)?;
     if summary.stable {
         return Ok(vec![]);

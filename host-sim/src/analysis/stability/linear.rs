@@ -10,11 +10,12 @@
 use super::StabilityError;
 use super::dual::Dual;
 use crate::model::arm_model::ArmModel;
+use crate::model::configuration::Surface;
 use crate::model::dynamics;
-use crate::model::dynamics::Surface;
+use crate::model::forward::Workspace;
 use crate::planner::plan::{Plan, Sampler};
 use crate::plant;
-use crate::plant::PlantParameters;
+use crate::plant::spread::PlantVariant;
 use flexor::model::{Kinematics, KinematicsError};
 use flexor::number::Real;
 use nalgebra::{Complex, DMatrix};
@@ -33,51 +34,6 @@ pub const ANGLE2: usize = 3;
 pub const TIP: usize = 4;
 /// Output: slope of link 2 at its root, rad.
 pub const SLOPE: usize = 5;
-
-/// A plant to examine: how it differs from the planned arm, with its model.
-#[derive(Clone, Debug)]
-pub struct PlantVariant {
-    /// The plant's parameters.
-    pub parameters: PlantParameters,
-    /// Turn of the real surface's normal against the planned one, rad.
-    pub contact_angle_rad: f64,
-    /// Control rate, Hz.
-    pub tick_rate_hz: u32,
-    /// The plant's model.
-    pub model: ArmModel,
-}
-
-impl PlantVariant {
-    /// The plant with `parameters` on a surface turned by `contact_angle_rad`, for
-    /// `plan`'s arm and control rate.
-    ///
-    /// # Errors
-    /// [`StabilityError::Model`].
-    pub fn new(
-        plan: &Plan,
-        parameters: &PlantParameters,
-        contact_angle_rad: f64,
-    ) -> Result<Self, StabilityError> {
-        Ok(Self {
-            parameters: *parameters,
-            contact_angle_rad,
-            tick_rate_hz: plan.tick_rate_hz,
-            model: ArmModel::new(&parameters.arm(&plan.model.arm), parameters.elements)?,
-        })
-    }
-
-    /// The planned arm itself.
-    ///
-    /// # Errors
-    /// As [`new`](Self::new).
-    pub fn planned(plan: &Plan) -> Result<Self, StabilityError> {
-        let parameters = PlantParameters {
-            elements: plan.model.elements,
-            ..PlantParameters::default()
-        };
-        Self::new(plan, &parameters, 0.0)
-    }
-}
 
 /// Where the equations are linearised: a state of the moving plant.
 #[derive(Clone, Debug)]
@@ -193,6 +149,7 @@ pub fn derivative<T: Real>(
         torque,
         &full,
         &mut slope,
+        &mut Workspace::new(model),
     );
 
     rate[..m].copy_from_slice(&y[m..]);

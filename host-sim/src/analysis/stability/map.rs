@@ -2,10 +2,10 @@
 
 use super::StabilityError;
 use super::advice::GAINS;
-use super::linear::PlantVariant;
 use super::path::{self, FrozenPoint};
 use super::sampled::with_gains_times;
 use crate::planner::plan::Plan;
+use crate::plant::spread::PlantVariant;
 use flexor::control::LawParameters;
 use rayon::prelude::*;
 

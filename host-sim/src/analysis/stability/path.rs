@@ -2,11 +2,11 @@
 //! arm and for a spread of plants.
 
 use super::StabilityError;
-use super::linear::{Linear, OperatingPoint, PlantVariant};
+use super::linear::{Linear, OperatingPoint};
 use super::sampled::{LinearLaw, Sampled, with_gains_times};
 use crate::planner::plan::Plan;
 use crate::plant::PlantParameters;
-use crate::text::Shortest;
+use crate::plant::spread::{PlantVariant, Spread};
 use flexor::control::LawParameters;
 use nalgebra::Complex;
 use rayon::prelude::*;
@@ -233,119 +233,6 @@ fn bisect(mut inside: f64, mut outside: f64, tolerance: f64, holds: impl Fn(f64)
         }
     }
     inside
-}
-
-/// Plants to examine: all combinations of the values.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Spread {
-    /// Factors on link 2's bending stiffness.
-    pub bending_stiffness_scale: Vec<f64>,
-    /// Factors on link 2's mass.
-    pub link2_mass_scale: Vec<f64>,
-    /// Inertias added to the root's, kg m^2.
-    pub added_root_inertia_kgm2: Vec<f64>,
-    /// Turns of the surface's normal, rad.
-    pub contact_angle_rad: Vec<f64>,
-    /// Control rates, Hz; empty for the plan's.
-    pub tick_rate_hz: Vec<u32>,
-    /// Elements of link 2; empty for the plant's own.
-    pub elements: Vec<usize>,
-}
-
-impl Spread {
-    /// No spread: a plant as it is.
-    pub fn none() -> Self {
-        Self {
-            bending_stiffness_scale: vec![1.0],
-            link2_mass_scale: vec![1.0],
-            added_root_inertia_kgm2: vec![0.0],
-            contact_angle_rad: vec![0.0],
-            tick_rate_hz: vec![],
-            elements: vec![],
-        }
-    }
-
-    /// Number of combinations.
-    pub fn plants(&self) -> usize {
-        let lists = [
-            self.bending_stiffness_scale.len(),
-            self.link2_mass_scale.len(),
-            self.added_root_inertia_kgm2.len(),
-            self.contact_angle_rad.len(),
-            self.tick_rate_hz.len().max(1),
-            self.elements.len().max(1),
-        ];
-        lists.into_iter().fold(1, usize::saturating_mul)
-    }
-
-    /// Every combination around `plant`, with a name.
-    ///
-    /// # Errors
-    /// [`StabilityError::Model`].
-    pub fn variants(
-        &self,
-        plan: &Plan,
-        plant: &PlantParameters,
-    ) -> Result<Vec<(String, PlantVariant)>, StabilityError> {
-        let or = |values: &[u32], own: u32| {
-            if values.is_empty() {
-                vec![own]
-            } else {
-                values.to_vec()
-            }
-        };
-        let rates = or(&self.tick_rate_hz, plan.tick_rate_hz);
-        let meshes = if self.elements.is_empty() {
-            vec![plant.elements]
-        } else {
-            self.elements.clone()
-        };
-        let root = plant
-            .root_inertia_kgm2
-            .unwrap_or(plan.model.arm.root_inertia_kgm2);
-        let mut variants = vec![];
-        for &stiffness in &self.bending_stiffness_scale {
-            for &mass in &self.link2_mass_scale {
-                for &inertia in &self.added_root_inertia_kgm2 {
-                    for &angle in &self.contact_angle_rad {
-                        for &elements in &meshes {
-                            let parameters = PlantParameters {
-                                elements,
-                                bending_stiffness_scale: plant.bending_stiffness_scale * stiffness,
-                                link2_mass_scale: plant.link2_mass_scale * mass,
-                                root_inertia_kgm2: Some(root + inertia),
-                                ..*plant
-                            };
-                            let variant = PlantVariant::new(plan, &parameters, angle)?;
-                            for &rate in &rates {
-                                let mut name = format!(
-                                    "stiffness x {}, mass x {}, root + {} kg m2",
-                                    Shortest(stiffness),
-                                    Shortest(mass),
-                                    Shortest(inertia)
-                                );
-                                if self.contact_angle_rad.len() > 1 {
-                                    name += &format!(", contact turned by {} rad", Shortest(angle));
-                                }
-                                if meshes.len() > 1 {
-                                    name += &format!(", {elements} elements");
-                                }
-                                if rates.len() > 1 {
-                                    name += &format!(", {rate} Hz");
-                                }
-                                let variant = PlantVariant {
-                                    tick_rate_hz: rate,
-                                    ..variant.clone()
-                                };
-                                variants.push((name, variant));
-                            }
-                        }
-                    }
-                }
-            }
-        }
-        Ok(variants)
-    }
 }
 
 /// Times at which a plan's loop is frozen: `points` (2 or more) evenly spaced ones, its
@@ -605,10 +492,10 @@ impl Report {
     ) -> Result<Self, StabilityError> {
         super::check(law)?;
         let times = times(plan, points);
-        let variant = PlantVariant::new(plan, plant, 0.0)?;
+        let variant = PlantVariant::new(&plan.model.arm, plan.tick_rate_hz, plant, 0.0)?;
         let (nominal, points) = examine(plan, "as planned", &variant, law, &times, progress)?;
         let spread = spread
-            .variants(plan, plant)?
+            .variants(&plan.model.arm, plan.tick_rate_hz, plant)?
             .par_iter()
             .map(|(name, variant)| examine_least(plan, name, variant, law, &times, progress))
             .collect::<Result<_, _>>()?;

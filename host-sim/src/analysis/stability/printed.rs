@@ -19,7 +19,8 @@
 //! So its eigenvalues say little about the loop: with the demo's gains, stable in every
 //! simulation, they have pairs that grow (docs/gains.md). They are here to show that.
 
-use super::linear::{OperatingPoint, PlantVariant};
+use super::linear::OperatingPoint;
+use crate::plant::spread::PlantVariant;
 use flexor::control::{ForceProjection, LawParameters};
 use nalgebra::{Complex, DMatrix};
 

@@ -21,14 +21,15 @@
 //! point for every plant before they are returned.
 
 use super::StabilityError;
-use super::linear::{self, FORCE, Linear, OUTPUTS, OperatingPoint, PlantVariant, SLOPE_RATE};
+use super::linear::{self, FORCE, Linear, OUTPUTS, OperatingPoint, SLOPE_RATE};
 use super::map::GainId;
-use super::path::{self, FrozenPoint, Report, Spread};
+use super::path::{self, FrozenPoint, Report};
 use super::sampled::{LinearLaw, Sampled, with_gains_times};
 use crate::model::arm_model::ELEMENTS_MAX;
 use crate::model::dynamics;
 use crate::planner::plan::Plan;
 use crate::plant::PlantParameters;
+use crate::plant::spread::{PlantVariant, Spread};
 use argmin::core::{CostFunction, Executor};
 use argmin::solver::particleswarm::ParticleSwarm;
 use flexor::control::LawParameters;
@@ -144,7 +145,7 @@ impl Prediction {
     /// # Errors
     /// [`StabilityError`].
     pub fn new(plan: &Plan, name: &str, variant: &PlantVariant) -> Result<Self, StabilityError> {
-        let planned = PlantVariant::planned(plan)?;
+        let planned = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
         let all = plan.ticks as usize;
         let ticks = (all.div_ceil(SEGMENTS)).next_multiple_of(STRIDE);
         let count = all.div_ceil(ticks).max(1);
@@ -480,108 +481,124 @@ pub fn effort(options: &TuneOptions) -> u64 {
         + Report::effort(&options.spread, options.points)
 }
 
-/// Finds gains for `plan`; `progress` is called [`effort`] times.
-///
-/// # Errors
-/// [`StabilityError::NotTuned`] if none were found, and what examining plants gives.
-pub fn tune(
-    plan: &Plan,
-    options: &TuneOptions,
-    progress: &(dyn Fn() + Sync),
-) -> Result<Tuned, StabilityError> {
-    // A hair more than asked for, as the conditions are tried at fewer points.
-    let gain = 10f64.powf((options.gain_margin_db + 0.1) / 20.0);
-    let delay = options.delay_margin_ticks + 0.02;
-    let spread = &options.spread;
-    let corners = Spread {
-        bending_stiffness_scale: ends(&spread.bending_stiffness_scale),
-        link2_mass_scale: ends(&spread.link2_mass_scale),
-        added_root_inertia_kgm2: ends(&spread.added_root_inertia_kgm2),
-        contact_angle_rad: ends(&spread.contact_angle_rad),
-        tick_rate_hz: ends(&spread.tick_rate_hz),
-        elements: spread.elements.clone(),
-    };
-    let predicted = Spread {
-        link2_mass_scale: spread.link2_mass_scale.clone(),
-        added_root_inertia_kgm2: corners.added_root_inertia_kgm2[..1].to_vec(),
-        contact_angle_rad: vec![0.0],
-        tick_rate_hz: vec![],
-        elements: vec![],
-        ..corners.clone()
-    };
-    let fine = Spread {
-        link2_mass_scale: vec![1.0],
-        elements: vec![(2 * options.plant.elements + 2).min(ELEMENTS_MAX)],
-        ..corners.clone()
-    };
-    let condition = |(_, variant): &(String, PlantVariant), points, at: &[(f64, f64)]| {
-        Ok::<_, StabilityError>(Condition {
-            spots: path::spots(plan, variant, &path::times(plan, points))?,
-            at: at.to_vec(),
+/// The plants that a search looks at.
+struct Plants {
+    /// The plant in the middle and the spread's corners.
+    corners: Vec<(String, PlantVariant)>,
+    /// Those with a finer mesh.
+    fine: Vec<(String, PlantVariant)>,
+    /// Those whose force error is predicted.
+    predicted: Vec<(String, PlantVariant)>,
+}
+
+impl Plants {
+    fn new(plan: &Plan, options: &TuneOptions) -> Result<Self, StabilityError> {
+        let spread = &options.spread;
+        let corners = Spread {
+            bending_stiffness_scale: ends(&spread.bending_stiffness_scale),
+            link2_mass_scale: ends(&spread.link2_mass_scale),
+            added_root_inertia_kgm2: ends(&spread.added_root_inertia_kgm2),
+            contact_angle_rad: ends(&spread.contact_angle_rad),
+            tick_rate_hz: ends(&spread.tick_rate_hz),
+            elements: spread.elements.clone(),
+        };
+        let predicted = Spread {
+            link2_mass_scale: spread.link2_mass_scale.clone(),
+            added_root_inertia_kgm2: corners.added_root_inertia_kgm2[..1].to_vec(),
+            contact_angle_rad: vec![0.0],
+            tick_rate_hz: vec![],
+            elements: vec![],
+            ..corners.clone()
+        };
+        let fine = Spread {
+            link2_mass_scale: vec![1.0],
+            elements: vec![(2 * options.plant.elements + 2).min(ELEMENTS_MAX)],
+            ..corners.clone()
+        };
+        let variants =
+            |spread: &Spread| spread.variants(&plan.model.arm, plan.tick_rate_hz, &options.plant);
+        Ok(Self {
+            corners: [variants(&Spread::none())?, variants(&corners)?].concat(),
+            fine: variants(&fine)?,
+            predicted: variants(&predicted)?,
         })
-    };
-    let mut conditions = vec![];
-    let centre = Spread::none().variants(plan, &options.plant)?;
-    for variant in centre
-        .iter()
-        .chain(&corners.variants(plan, &options.plant)?)
-    {
-        conditions.push(condition(
-            variant,
-            9,
-            &[(1.0, 0.0), (gain, 0.0), (1.0, delay)],
-        )?);
     }
-    for variant in &fine.variants(plan, &options.plant)? {
-        conditions.push(condition(variant, 3, &[(FINE_FACTOR, 0.0)])?);
+}
+
+impl<'a> Search<'a> {
+    fn new(
+        plan: &'a Plan,
+        options: &'a TuneOptions,
+        progress: &'a (dyn Fn() + Sync),
+    ) -> Result<Self, StabilityError> {
+        // A hair more than asked for, as the conditions are tried at fewer points.
+        let gain = 10f64.powf((options.gain_margin_db + 0.1) / 20.0);
+        let delay = options.delay_margin_ticks + 0.02;
+        let plants = Plants::new(plan, options)?;
+        let condition = |(_, variant): &(String, PlantVariant), points, at: &[(f64, f64)]| {
+            Ok::<_, StabilityError>(Condition {
+                spots: path::spots(plan, variant, &path::times(plan, points))?,
+                at: at.to_vec(),
+            })
+        };
+        let mut conditions = vec![];
+        for variant in &plants.corners {
+            let at = [(1.0, 0.0), (gain, 0.0), (1.0, delay)];
+            conditions.push(condition(variant, 9, &at)?);
+        }
+        for variant in &plants.fine {
+            conditions.push(condition(variant, 3, &[(FINE_FACTOR, 0.0)])?);
+        }
+        let predictions = plants
+            .predicted
+            .par_iter()
+            .map(|(name, variant)| Prediction::new(plan, name, variant))
+            .collect::<Result<Vec<_>, _>>()?;
+        let contact = conditions
+            .first()
+            .and_then(|c| c.spots.first())
+            .map_or(1.0, FrozenPoint::contact_frequency);
+        Ok(Self {
+            plan,
+            options,
+            bounds: Bounds::new(plan, contact),
+            predictions,
+            conditions,
+            progress,
+            tried: 0.into(),
+        })
     }
-    let predictions = predicted
-        .variants(plan, &options.plant)?
-        .par_iter()
-        .map(|(name, variant)| Prediction::new(plan, name, variant))
-        .collect::<Result<Vec<_>, _>>()?;
-    let contact = conditions
-        .first()
-        .and_then(|c| c.spots.first())
-        .map_or(1.0, FrozenPoint::contact_frequency);
-    let search = Search {
-        plan,
-        options,
-        bounds: Bounds::new(plan, contact),
-        predictions,
-        conditions,
-        progress,
-        tried: 0.into(),
-    };
-    let failed = |error: argmin::core::Error| StabilityError::Optimiser(error.to_string());
-    let swarm = ParticleSwarm::new(
-        (search.bounds.low.clone(), search.bounds.high.clone()),
-        options.particles,
-    )
-    .with_rng_generator(Xoshiro256PlusPlus::seed_from_u64(options.seed));
-    let result = Executor::new(search, swarm)
-        .configure(|state| state.max_iters(options.iterations))
-        .ctrlc(false)
-        .run()
-        .map_err(failed)?;
-    let argmin::core::OptimizationResult {
-        problem, mut state, ..
-    } = result;
-    let search = problem
-        .problem
-        .ok_or_else(|| StabilityError::Optimiser("lost its problem".into()))?;
-    let best = state
-        .take_best_individual()
-        .ok_or_else(|| StabilityError::Optimiser("has no result".into()))?;
-    let law = search.simplified(search.bounds.law(&options.law, &best.position));
-    let report = Report::new(
-        plan,
-        &options.plant,
-        spread,
-        &law,
-        options.points,
-        search.progress,
-    )?;
+
+    /// Lets the swarm fly; the search itself and the best law found.
+    fn fly(self) -> Result<(Self, LawParameters), StabilityError> {
+        let options = self.options;
+        let failed = |error: argmin::core::Error| StabilityError::Optimiser(error.to_string());
+        let swarm = ParticleSwarm::new(
+            (self.bounds.low.clone(), self.bounds.high.clone()),
+            options.particles,
+        )
+        .with_rng_generator(Xoshiro256PlusPlus::seed_from_u64(options.seed));
+        let result = Executor::new(self, swarm)
+            .configure(|state| state.max_iters(options.iterations))
+            .ctrlc(false)
+            .run()
+            .map_err(failed)?;
+        let argmin::core::OptimizationResult {
+            problem, mut state, ..
+        } = result;
+        let search = problem
+            .problem
+            .ok_or_else(|| StabilityError::Optimiser("lost its problem".into()))?;
+        let best = state
+            .take_best_individual()
+            .ok_or_else(|| StabilityError::Optimiser("has no result".into()))?;
+        let law = search.simplified(search.bounds.law(&options.law, &best.position));
+        Ok((search, law))
+    }
+}
+
+/// Refuses a law whose `report` does not keep the margins asked for.
+fn check_margins(report: &Report, options: &TuneOptions) -> Result<(), StabilityError> {
     let everything = || std::iter::once(&report.nominal).chain(&report.spread);
     let short = everything().find(|s| {
         !(s.stable
@@ -598,6 +615,28 @@ pub fn tune(
             ),
         });
     }
+    Ok(())
+}
+
+/// Finds gains for `plan`; `progress` is called [`effort`] times.
+///
+/// # Errors
+/// [`StabilityError::NotTuned`] if none were found, and what examining plants gives.
+pub fn tune(
+    plan: &Plan,
+    options: &TuneOptions,
+    progress: &(dyn Fn() + Sync),
+) -> Result<Tuned, StabilityError> {
+    let (search, law) = Search::new(plan, options, progress)?.fly()?;
+    let report = Report::new(
+        plan,
+        &options.plant,
+        &options.spread,
+        &law,
+        options.points,
+        search.progress,
+    )?;
+    check_margins(&report, options)?;
     Ok(Tuned {
         cost: search.cost(&law),
         predictions: search

@@ -3,7 +3,7 @@
 use super::write_page;
 use super::{PlantArgs, Setting, law_facts, report_facts, spread_json, summary_json, warnings};
 use crate::analysis::stability::StabilityError;
-use crate::analysis::stability::linear::{Linear, OperatingPoint, PlantVariant};
+use crate::analysis::stability::linear::{Linear, OperatingPoint};
 use crate::analysis::stability::map::GainId;
 use crate::analysis::stability::path::Report;
 use crate::analysis::stability::printed::Printed;
@@ -81,7 +81,7 @@ impl LinearisationArg {
     /// Poles of these equations at a time of the path, 1/s.
     fn poles(self, setting: &Setting, t_s: f64) -> Result<Vec<Complex<f64>>, StabilityError> {
         let plan = &setting.planned.plan;
-        let variant = PlantVariant::new(plan, &setting.plant, 0.0)?;
+        let variant = setting.variant()?;
         let point = OperatingPoint::new(plan, &mut plan.sampler(), &variant, t_s)?;
         Ok(match self {
             Self::Exact => Linear::new(&variant, &point)?.poles(),

@@ -8,13 +8,13 @@ mod tune;
 use super::plan::Planned;
 use super::{CliError, Common, Output, controller, pages, say};
 use crate::analysis::stability::advice::{advice, warning};
-use crate::analysis::stability::linear::PlantVariant;
 use crate::analysis::stability::map::GainId;
-use crate::analysis::stability::path::{Report, Spread, Summary};
+use crate::analysis::stability::path::{Report, Summary};
 use crate::analysis::stability::{StabilityError, path};
 use crate::files::{config, export};
 use crate::planner::plan::Plan;
 use crate::plant::PlantParameters;
+use crate::plant::spread::{PlantVariant, Spread};
 use crate::simulation::cases;
 use crate::text::Shortest;
 use clap::Args;
@@ -72,6 +72,15 @@ struct Setting {
     plant: PlantParameters,
     spread: Spread,
     planned: Planned,
+}
+
+impl Setting {
+    /// The plant in the middle.
+    fn variant(&self) -> Result<PlantVariant, StabilityError> {
+        let plan = &self.planned.plan;
+        let (arm, rate) = (&plan.model.arm, plan.tick_rate_hz);
+        Ok(PlantVariant::new(arm, rate, &self.plant, 0.0)?)
+    }
 }
 
 impl PlantArgs {
@@ -168,10 +177,12 @@ fn spread_json(report: &Report) -> Value {
 fn worst_variant(setting: &Setting, report: &Report) -> Result<PlantVariant, StabilityError> {
     let plan = &setting.planned.plan;
     let worst = report.worst();
-    let variants = setting.spread.variants(plan, &setting.plant)?;
+    let variants = setting
+        .spread
+        .variants(&plan.model.arm, plan.tick_rate_hz, &setting.plant)?;
     match variants.into_iter().find(|(name, _)| *name == worst.name) {
         Some((_, variant)) => Ok(variant),
-        None => PlantVariant::new(plan, &setting.plant, 0.0),
+        None => setting.variant(),
     }
 }
 
@@ -187,10 +198,7 @@ fn warnings(
     let (summary, variant) = if report.nominal.stable && !report.worst().stable {
         (report.worst(), worst_variant(setting, report)?)
     } else {
-        (
-            &report.nominal,
-            PlantVariant::new(plan, &setting.plant, 0.0)?,
-        )
+        (&report.nominal, setting.variant()?)
     };
     let mut words = advice(plan, &variant, law, summary, &times)?;
     let growth = report.nominal.sliding_growth_max_per_s;
