@@ -206,7 +206,7 @@ fn the_table_is_small_and_exact() {
     let mut worst = [0.0_f64; 2];
     for point in &plan.points {
         let held = sampler.at(point.t + half).torque;
-        let read = cursor.reference();
+        let read = cursor.row();
         for joint in 0..2 {
             worst[0] = worst[0].max((f64::from(read.torque[joint]) - held[joint]).abs());
             worst[1] =
@@ -287,7 +287,7 @@ fn a_limited_integrator_recovers_at_once() {
         torque_nm: [100.0, 10.0],
         ..tight
     };
-    let start = opened.cursor::<f32>().reference();
+    let start = opened.cursor::<f32>().row();
     let lost = Measurement {
         angle: start.angle,
         root_slope: start.root_slope,

@@ -144,7 +144,7 @@ impl Comms {
         parameters.limits = parameters.limits.at_most(DRIVE_LIMIT_NM);
         let fingerprint = Some(parameters.arm.fingerprint());
         let (slot, table) = select_table(slot, |slot| flash_slots::open(slot, fingerprint))?;
-        let first_row = table.cursor().reference();
+        let first_row = table.cursor().row();
         let inputs = supervisor.lock(|s| s.enable_inputs());
         check_enable(&SAFETY, &inputs, &first_row)?;
         check_torque_bound(table.torque_bound(), &parameters.limits)?;

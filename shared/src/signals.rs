@@ -77,7 +77,22 @@ impl SaturationCounts<u32> {
 /// Columns of a table, in the order of [`Reference::from_columns`].
 pub const COLUMNS: usize = 8;
 
-/// The plan's values at one tick.
+/// What the control law reads of the plan at one tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Setpoint<T> {
+    /// Feedforward torques (tau1, tau2) to hold during the tick, N m.
+    pub torque: [T; 2],
+    /// Contact force along the surface normal, pressing positive, N.
+    pub force: T,
+    /// Rate of link 2's slope at its root against the chord, rad/s.
+    pub root_slope_rate: T,
+    /// Direction of the surface normal, from a1 towards a2, rad; a tip that presses
+    /// pushes along it. pi/2 is straight down.
+    pub normal_angle: T,
+}
+
+/// The plan's values at one tick, all columns of a table's row: the law's [`Setpoint`] and
+/// what enabling, logs and tests want beside it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reference<T> {
     /// Feedforward torques (tau1, tau2) to hold during the tick, N m.
@@ -98,7 +113,7 @@ pub struct Reference<T> {
 impl<T: Copy> Reference<T> {
     /// The reference with the given column values.
     #[inline]
-    pub fn from_columns(columns: [T; COLUMNS]) -> Self {
+    pub const fn from_columns(columns: [T; COLUMNS]) -> Self {
         let [
             torque1,
             torque2,
@@ -116,6 +131,17 @@ impl<T: Copy> Reference<T> {
             root_slope,
             root_slope_rate,
             normal_angle,
+        }
+    }
+
+    /// The part that the control law reads.
+    #[inline]
+    pub const fn setpoint(&self) -> Setpoint<T> {
+        Setpoint {
+            torque: self.torque,
+            force: self.force,
+            root_slope_rate: self.root_slope_rate,
+            normal_angle: self.normal_angle,
         }
     }
 

@@ -91,7 +91,7 @@ pub fn encode(plan: &Plan) -> Result<EncodedTable, TableError> {
     let mut worst = [0.0_f64; COLUMNS];
     let mut cursor = Table::open(&image)?.cursor::<f32>();
     for sample in &samples {
-        let read = cursor.reference().columns();
+        let read = cursor.row().columns();
         for ((worst, read), sample) in worst.iter_mut().zip(read).zip(sample) {
             *worst = worst.max((f64::from(read) - sample).abs());
         }

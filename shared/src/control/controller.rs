@@ -1,4 +1,4 @@
-//! The one control tick: cursor -> reference -> law -> guard -> torque.
+//! The one control tick: cursor -> setpoint -> law -> limiter -> torque.
 //!
 //! [`Controller::tick`] is called once a control period with what the sensors say
 //! and returns what the drives get until the next tick. Firmware and simulator call
@@ -12,7 +12,7 @@ use crate::control::limiter::{LimitParameters, TorqueLimiter};
 use crate::fault::Fault;
 use crate::model::ArmParameters;
 use crate::number::Scalar;
-use crate::signals::{Formats, Measurement, Reference, Saturation, SaturationCounts};
+use crate::signals::{Formats, Measurement, Saturation, SaturationCounts};
 use crate::table::{Cursor, Table, TableError};
 use core::fmt;
 use serde::{Deserialize, Serialize};
@@ -24,8 +24,6 @@ pub struct Command<T> {
     pub torque: [T; 2],
     /// Tick of the table that this command belongs to.
     pub tick: u32,
-    /// The plan's values at this tick.
-    pub reference: Reference<T>,
     /// How each joint's torque was limited in this tick.
     pub saturation: [Saturation; 2],
     /// The latched fault, if any; the torques are then zero.
@@ -218,11 +216,10 @@ impl<'a, T: Scalar> Controller<'a, T> {
     }
 
     /// One control period: torques for what was measured.
-    // Always inlined, as `Cursor::reference` is and for the same reason.
-    #[inline(always)]
+    #[inline]
     pub fn tick(&mut self, measured: &Measurement<T>) -> Command<T> {
         let tick = self.cursor.tick();
-        let reference = self.cursor.reference();
+        let setpoint = self.cursor.setpoint();
         if self.fault.is_none() && !measured.is_finite() {
             self.fault = Some(Fault::MeasurementNotFinite);
         }
@@ -231,7 +228,7 @@ impl<'a, T: Scalar> Controller<'a, T> {
         if self.fault.is_none() {
             let proposal =
                 self.law
-                    .propose(&mut self.state, &reference, measured, &mut self.saturations);
+                    .propose(&mut self.state, &setpoint, measured, &mut self.saturations);
             if measured.drive == saturation && self.limiter.permits(self.previous, proposal.torque)
             {
                 torque = proposal.torque;
@@ -253,7 +250,6 @@ impl<'a, T: Scalar> Controller<'a, T> {
         Command {
             torque,
             tick,
-            reference,
             saturation,
             fault: self.fault,
         }

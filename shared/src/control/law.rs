@@ -35,7 +35,7 @@
 
 use crate::model::ArmParameters;
 use crate::number::{Scalar, sine};
-use crate::signals::{Formats, Measurement, Reference, Saturation, SaturationCounts};
+use crate::signals::{Formats, Measurement, Saturation, SaturationCounts, Setpoint};
 use serde::{Deserialize, Serialize};
 
 /// How a force along the surface normal becomes joint torques.
@@ -326,13 +326,11 @@ impl<T: Scalar> Law<T> {
     pub fn propose(
         &self,
         state: &mut LawState<T::Sum>,
-        reference: &Reference<T>,
+        setpoint: &Setpoint<T>,
         measured: &Measurement<T>,
         saturations: &mut SaturationCounts<T::Count>,
     ) -> Proposal<T> {
-        let error = reference
-            .force
-            .minus(measured.force, &mut saturations.force);
+        let error = setpoint.force.minus(measured.force, &mut saturations.force);
         let increment = error.weighted(self.integral_per_tick);
         let integral_before = state.integral;
         state.integral = T::accumulated(integral_before, increment, &mut saturations.integral);
@@ -348,12 +346,12 @@ impl<T: Scalar> Law<T> {
                 .plus(correction, count);
         }
 
-        let (normal, count) = (reference.normal_angle, &mut saturations.angle);
+        let (normal, count) = (setpoint.normal_angle, &mut saturations.angle);
         let [first, second] = measured.angle;
         let lever1 = lever(self.link1_length, normal, first, self.turn, count);
         let lever2 = lever(self.link2_length, normal, second, self.turn, count);
         let mut projection = [lever1.plus_in_range(lever2), lever2];
-        let mut planned = (reference.torque, reference.root_slope_rate);
+        let mut planned = (setpoint.torque, setpoint.root_slope_rate);
         if let Some(options) = &self.options {
             (projection, planned) = options.applied(lever1, projection, planned);
         }
@@ -409,8 +407,7 @@ impl<T: Scalar> Law<T> {
     }
 }
 
-/// Lever of a force along the normal at a link's end, m. A function of values: a closure
-/// that the compiler does not inline keeps all of a reference alive, unused columns too.
+/// Lever of a force along the normal at a link's end, m.
 #[inline]
 fn lever<T: Scalar>(
     length: T::Gain,
@@ -461,12 +458,10 @@ mod tests {
         ..LawParameters::FEEDFORWARD
     };
 
-    fn reference() -> Reference<f64> {
-        Reference {
+    fn setpoint() -> Setpoint<f64> {
+        Setpoint {
             torque: [-3.0, 0.3],
             force: 2.0,
-            angle: [0.9, -0.7],
-            root_slope: 0.17,
             root_slope_rate: 0.05,
             normal_angle: FRAC_PI_2,
         }
@@ -486,7 +481,7 @@ mod tests {
     fn propose(law: &Law<f64>, state: &mut LawState<f64>, force: f64) -> Proposal<f64> {
         law.propose(
             state,
-            &reference(),
+            &setpoint(),
             &measured(force),
             &mut SaturationCounts::default(),
         )

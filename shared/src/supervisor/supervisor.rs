@@ -15,9 +15,8 @@ use crate::supervisor::enabling::{EnableInputs, InputHealth, SafetyLimits};
 use crate::supervisor::sensing::{Calibration, Sensing};
 use crate::supervisor::state::State;
 
-/// The controller's tick, less the parts of its command that nobody reads here. The table
-/// columns behind those then need not be evaluated. Not inlined, or the compiler makes a
-/// copy for each mode.
+/// The controller's tick, its command written into the reply. Not inlined, or the compiler
+/// makes a copy for each mode.
 #[inline(never)]
 fn run(controller: &mut Controller<'_, f32>, measured: &Measurement<f32>, result: &mut TickReply) {
     let command = controller.tick(measured);

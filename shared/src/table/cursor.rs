@@ -1,14 +1,13 @@
-//! Streams a table: one [`Reference`] a tick, in bounded time and memory.
+//! Streams a table: one [`Setpoint`] a tick, in bounded time and memory.
 
 use super::format::{PIECE_BYTES, Piece, ROW_BYTES, Table};
 use crate::number::{Constant, Scalar};
-use crate::signals::{COLUMNS, Reference};
+use crate::signals::{COLUMNS, Reference, Setpoint};
 
-/// Columns whose cubics a cursor keeps: those that the control law reads. The others are
-/// for logs and made when they are asked for (see [`Cursor::reference`]).
-const KEPT: [usize; 5] = [0, 1, 2, 6, 7];
+/// Table columns of the values that the control law reads.
+const SETPOINT: Setpoint<usize> = Reference::from_columns([0, 1, 2, 3, 4, 5, 6, 7]).setpoint();
 
-/// Streams a table: one [`Reference`] a tick, in bounded time and memory.
+/// Streams a table: one [`Setpoint`] a tick, in bounded time and memory.
 #[derive(Clone, Debug)]
 pub struct Cursor<'a, T: Scalar> {
     /// The pieces after the current one.
@@ -26,8 +25,8 @@ pub struct Cursor<'a, T: Scalar> {
     phase: u32,
     /// One such unit.
     phase_unit: T::Reciprocal,
-    /// The [`KEPT`] columns in the current segment.
-    cubics: [Cubic<T>; KEPT.len()],
+    /// The columns that the law reads, in the current segment.
+    segment: Setpoint<Cubic<T>>,
 }
 
 impl<'a> Table<'a> {
@@ -70,7 +69,7 @@ impl<'a> Table<'a> {
             segments_left: 0,
             phase: 0,
             phase_unit: T::reciprocal_of(1),
-            cubics: [Cubic::default(); KEPT.len()],
+            segment: Setpoint::default(),
         };
         cursor.restart(self);
         cursor
@@ -87,7 +86,7 @@ impl<'a, T: Scalar> Cursor<'a, T> {
         self.enter();
     }
 
-    /// Tick that [`reference`](Self::reference) is for, from 0 to the table's `ticks`.
+    /// Tick that [`setpoint`](Self::setpoint) is for, from 0 to the table's `ticks`.
     pub fn tick(&self) -> u32 {
         self.tick
     }
@@ -110,42 +109,40 @@ impl<'a, T: Scalar> Cursor<'a, T> {
     }
 
     /// Begins the segment whose rows come first.
-    #[inline(never)]
+    #[inline]
     fn load(&mut self) {
-        for (position, column) in KEPT.into_iter().enumerate() {
-            self.cubics[position] = self.cubic(column);
-        }
-    }
-
-    /// A column in the current segment.
-    #[inline(always)]
-    fn cubic(&self, column: usize) -> Cubic<T> {
         // open() has made sure that every piece has its rows, so there are four here.
-        let Some(window) = self.rows.first_chunk::<4>() else {
-            return Cubic::default();
-        };
-        let quantum = self.quantum[column];
-        // Row by row: a loop that the compiler keeps would be run for nobody, too.
-        let [a, b, c, d] = window;
-        Cubic::through([
-            knot(a, column, quantum),
-            knot(b, column, quantum),
-            knot(c, column, quantum),
-            knot(d, column, quantum),
-        ])
+        if let Some(rows) = self.rows.first_chunk() {
+            let cubic = |column: usize| Cubic::of(rows, column, self.quantum[column]);
+            self.segment.torque[0] = cubic(SETPOINT.torque[0]);
+            self.segment.torque[1] = cubic(SETPOINT.torque[1]);
+            self.segment.force = cubic(SETPOINT.force);
+            self.segment.root_slope_rate = cubic(SETPOINT.root_slope_rate);
+            self.segment.normal_angle = cubic(SETPOINT.normal_angle);
+        }
     }
 
     /// Goes on by one tick; stays at the end.
     #[inline]
     pub fn advance(&mut self) {
+        let phase = self.phase + self.piece.segments;
+        if phase < self.piece.ticks {
+            self.phase = phase;
+            self.tick += 1;
+        } else {
+            self.leave_segment(phase);
+        }
+    }
+
+    /// Goes on to a tick in the next segment, `phase` after the current one's begin.
+    #[cold]
+    #[inline(never)]
+    fn leave_segment(&mut self, phase: u32) {
         if self.at_end() {
             return;
         }
         self.tick += 1;
-        self.phase += self.piece.segments;
-        if self.phase < self.piece.ticks {
-            return;
-        }
+        self.phase = phase;
         if self.segments_left > 0 {
             self.segments_left -= 1;
             self.phase -= self.piece.ticks;
@@ -158,42 +155,35 @@ impl<'a, T: Scalar> Cursor<'a, T> {
         // Else the very last segment is closed: its phase is the whole.
     }
 
-    /// The plan's values at the current tick.
-    // Always inlined: a caller that does not use all columns then does not pay for them.
-    #[inline(always)]
-    pub fn reference(&self) -> Reference<T> {
+    /// What the control law reads of the plan at the current tick.
+    #[inline]
+    pub fn setpoint(&self) -> Setpoint<T> {
         let u = T::fraction(self.phase, self.phase_unit);
-        // Not by a loop over the columns, nor by closures, which the compiler may leave as
-        // functions: unused columns would not fall away.
-        Reference {
-            torque: [self.kept(0, u), self.kept(1, u)],
-            force: self.kept(2, u),
-            angle: [self.made(3, u), self.made(4, u)],
-            root_slope: self.made(5, u),
-            root_slope_rate: self.kept(3, u),
-            normal_angle: self.kept(4, u),
+        let value =
+            |cubic: &Cubic<T>, column: usize| cubic.at(u).spline_signal(self.quantum[column]);
+        let segment = &self.segment;
+        Setpoint {
+            torque: [0, 1].map(|joint| value(&segment.torque[joint], SETPOINT.torque[joint])),
+            force: value(&segment.force, SETPOINT.force),
+            root_slope_rate: value(&segment.root_slope_rate, SETPOINT.root_slope_rate),
+            normal_angle: value(&segment.normal_angle, SETPOINT.normal_angle),
         }
     }
 
-    /// Value of the kept column at a position of [`KEPT`].
-    #[inline(always)]
-    fn kept(&self, at: usize, u: T) -> T {
-        self.cubics[at].at(u).spline_signal(self.quantum[KEPT[at]])
+    /// All of the plan's values at the current tick: what a tick of the controller reads
+    /// is less, see [`setpoint`](Self::setpoint).
+    pub fn row(&self) -> Reference<T> {
+        let Some(rows) = self.rows.first_chunk() else {
+            return Reference::default();
+        };
+        let u = T::fraction(self.phase, self.phase_unit);
+        Reference::from_columns(core::array::from_fn(|column| {
+            let quantum = self.quantum[column];
+            Cubic::of(rows, column, quantum)
+                .at(u)
+                .spline_signal(quantum)
+        }))
     }
-
-    /// Value of a column that is not kept.
-    #[inline(always)]
-    fn made(&self, column: usize, u: T) -> T {
-        self.cubic(column).at(u).spline_signal(self.quantum[column])
-    }
-}
-
-/// A row's knot in a column.
-#[inline(always)]
-fn knot<T: Scalar>(row: &[u8; ROW_BYTES], column: usize, quantum: T::Quantum) -> T {
-    let (raw, _) = row.as_chunks::<4>();
-    let raw = raw.get(column).map_or([0; 4], |bytes| *bytes);
-    T::knot(i32::from_le_bytes(raw), quantum)
 }
 
 /// A column in one segment: coefficients of 1, u, u^2, u^3.
@@ -201,9 +191,19 @@ fn knot<T: Scalar>(row: &[u8; ROW_BYTES], column: usize, quantum: T::Quantum) ->
 struct Cubic<T>([T; 4]);
 
 impl<T: Scalar> Cubic<T> {
+    /// A column in the segment that begins with the first of these rows.
+    #[inline]
+    fn of(rows: &[[u8; ROW_BYTES]; 4], column: usize, quantum: T::Quantum) -> Self {
+        Self::through(rows.each_ref().map(|row| {
+            let (words, _) = row.as_chunks::<4>();
+            let raw = words.get(column).copied().unwrap_or_default();
+            T::knot(i32::from_le_bytes(raw), quantum)
+        }))
+    }
+
     /// The uniform cubic B-spline's segment with four knots. With knots up to K in
     /// magnitude no intermediate value, here or in [`at`](Self::at), exceeds 4.4 K.
-    #[inline(always)]
+    #[inline]
     fn through([a, b, c, d]: [T; 4]) -> Self {
         let sixth = T::constant(const { Constant::new(1.0 / 6.0, 0) });
         let steps = [
@@ -223,7 +223,7 @@ impl<T: Scalar> Cubic<T> {
     }
 
     /// Value at `u` in [0, 1].
-    #[inline(always)]
+    #[inline]
     fn at(&self, u: T) -> T {
         let [c0, c1, c2, c3] = self.0;
         let sum = c2.plus_in_range(c3.times_in_range::<1>(u));

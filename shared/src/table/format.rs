@@ -252,7 +252,7 @@ fn checked_rows(pieces: &[[u8; PIECE_BYTES]], ticks: u32) -> Result<i64, TableEr
 /// let table = Table::open(&image)?;
 /// let mut cursor = table.cursor::<f32>();
 /// while !cursor.at_end() {
-///     let [torque1, torque2] = cursor.reference().torque;
+///     let [torque1, torque2] = cursor.setpoint().torque;
 ///     assert!((torque1 - 5.0).abs() < 1e-5 && (torque2 + 0.5).abs() < 1e-5);
 ///     cursor.advance();
 /// }
@@ -453,7 +453,9 @@ mod tests {
         for tick in 0..60_u32 {
             assert_eq!(cursor.tick(), tick.min(38));
             assert_eq!(cursor.at_end(), tick >= 38);
-            for (i, value) in cursor.reference().columns().into_iter().enumerate() {
+            let row = cursor.row();
+            assert_eq!(cursor.setpoint(), row.setpoint(), "tick {tick}");
+            for (i, value) in row.columns().into_iter().enumerate() {
                 let line = line(f64::from(tick.min(38)), i);
                 assert!(
                     (value - line).abs() < 1e-7,
@@ -472,7 +474,7 @@ mod tests {
         let mut cursor = table.cursor::<f32>();
         let mut largest = [0.0_f32; 2];
         while !cursor.at_end() {
-            for (largest, torque) in largest.iter_mut().zip(cursor.reference().torque) {
+            for (largest, torque) in largest.iter_mut().zip(cursor.row().torque) {
                 *largest = largest.max(torque.abs());
             }
             cursor.advance();
@@ -529,7 +531,7 @@ mod tests {
             if let Ok(table) = Table::open(&image) {
                 let mut cursor = table.cursor::<f32>();
                 for _ in 0..100 {
-                    let _ = cursor.reference();
+                    assert_eq!(cursor.setpoint(), cursor.row().setpoint());
                     cursor.advance();
                 }
             }

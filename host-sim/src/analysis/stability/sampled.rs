@@ -22,7 +22,7 @@ use super::linear::{FORCE, Linear, SLOPE_RATE};
 use crate::planner::plan::Plan;
 use crate::plant::spread::PlantVariant;
 use flexor::control::{Law, LawParameters, LawState};
-use flexor::signals::{Measurement, Reference, Saturation, SaturationCounts};
+use flexor::signals::{Measurement, Saturation, SaturationCounts, Setpoint};
 use nalgebra::DMatrix;
 
 /// Numbers that the law remembers: filtered force error, integral, filtered slope rate.
@@ -57,11 +57,9 @@ impl LinearLaw {
         tick_rate_hz: u32,
     ) -> Self {
         let law = Law::<f64>::new(parameters, &plan.model.arm, tick_rate_hz);
-        let reference = Reference {
+        let setpoint = Setpoint {
             torque: [0.0; 2],
             force: 0.0,
-            angle,
-            root_slope: 0.0,
             root_slope_rate: 0.0,
             normal_angle: plan.normal_angle(),
         };
@@ -85,7 +83,7 @@ impl LinearLaw {
             };
             let proposal = law.propose(
                 &mut state,
-                &reference,
+                &setpoint,
                 &measurement,
                 &mut SaturationCounts::default(),
             );
