@@ -25,6 +25,8 @@ pub(crate) fn test() -> Result<()> {
             "flexor-tests",
             "--test",
             "firmware",
+            "--test",
+            "pil",
             "--package",
             "flexor-sim",
             "--test",

@@ -1,6 +1,7 @@
 //! Streams a table: one [`Setpoint`] a tick, in bounded time and memory.
 
-use super::format::{PIECE_BYTES, Piece, ROW_BYTES, Table};
+use super::format::{Piece, Table};
+use super::layout::{PIECE_BYTES, ROW_BYTES};
 use crate::number::{Constant, Scalar};
 use crate::signals::{COLUMNS, Reference, Setpoint};
 
@@ -234,7 +235,7 @@ impl<T: Scalar> Cubic<T> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::format::RAW_MAX;
+    use super::super::layout::RAW_MAX;
     use super::*;
     use crate::number::fixed::{Exponent, Fixed};
     use proptest::prelude::*;

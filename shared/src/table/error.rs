@@ -1,6 +1,6 @@
 //! Why an image is not a usable table.
 
-use crate::table::format::{MAGIC, VERSION};
+use crate::table::layout::{MAGIC, VERSION};
 use core::fmt;
 
 /// Why an image is not a usable table.

@@ -41,22 +41,7 @@
 use crate::CRC32;
 use crate::signals::COLUMNS;
 use crate::table::error::TableError;
-
-/// Bytes of one row.
-pub const ROW_BYTES: usize = 4 * COLUMNS;
-/// Bytes before the list of pieces.
-pub const HEADER_BYTES: usize = 48;
-/// Bytes of a piece's entry.
-pub const PIECE_BYTES: usize = 8;
-/// Most pieces of a table.
-pub const PIECES_MAX: usize = 64;
-/// Format version that this crate writes and reads.
-pub const VERSION: u16 = 1;
-/// First bytes of every image.
-pub const MAGIC: [u8; 4] = *b"FLXT";
-/// Largest magnitude of a stored integer: a bit is left free so that sums of two
-/// cannot overflow.
-pub const RAW_MAX: i32 = 1 << 30;
+use crate::table::layout::{HEADER_BYTES, MAGIC, PIECE_BYTES, PIECES_MAX, ROW_BYTES, VERSION};
 
 /// Offset of the CRC in the header, which it does not cover.
 pub(super) const CRC_OFFSET: usize = 44;

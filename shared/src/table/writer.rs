@@ -3,10 +3,8 @@
 use crate::number::Real;
 use crate::signals::{COLUMNS, Reference};
 use crate::table::error::TableError;
-use crate::table::format::{
-    CRC_OFFSET, HEADER_BYTES, Header, Layout, MAGIC, PIECE_BYTES, Piece, RAW_MAX, ROW_BYTES,
-    VERSION, checksum,
-};
+use crate::table::format::{CRC_OFFSET, Header, Layout, Piece, checksum};
+use crate::table::layout::{HEADER_BYTES, MAGIC, PIECE_BYTES, RAW_MAX, ROW_BYTES, VERSION};
 
 /// Length in bytes of an image with these pieces.
 pub fn image_bytes(pieces: &[Piece]) -> usize {
