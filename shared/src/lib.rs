@@ -41,3 +41,62 @@ pub mod table;
 /// CRC-32 (ISO-HDLC) of tables, link frames and fingerprints. A static: a local one builds
 /// its table of 1 KiB on the stack.
 static CRC32: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use std::path::{Path, PathBuf};
+    use std::string::String;
+    use std::vec::Vec;
+
+    /// What each wing may import; itself besides.
+    const MAY_KNOW: [(&str, &[&str]); 8] = [
+        ("number", &[]),
+        ("signals.rs", &["number"]),
+        ("fault.rs", &[]),
+        ("model", &["number"]),
+        ("table", &["number", "signals"]),
+        ("control", &["number", "signals", "fault", "model", "table"]),
+        ("link", &["signals", "fault", "model", "table"]),
+        (
+            "supervisor",
+            &["signals", "fault", "model", "table", "control", "link"],
+        ),
+    ];
+
+    fn sources(place: &Path) -> Vec<PathBuf> {
+        if place.is_file() {
+            return std::vec![place.to_path_buf()];
+        }
+        let entries = std::fs::read_dir(place).unwrap();
+        entries
+            .flat_map(|entry| sources(&entry.unwrap().path()))
+            .collect()
+    }
+
+    #[test]
+    fn no_wing_imports_what_lies_above_it() {
+        let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+        let mut imports = 0;
+        for (wing, may_know) in MAY_KNOW {
+            let itself = wing.trim_end_matches(".rs");
+            for file in sources(&src.join(wing)) {
+                let text = std::fs::read_to_string(&file).unwrap();
+                // Comments may point anywhere.
+                let code = text
+                    .lines()
+                    .filter(|line| !line.trim_start().starts_with("//"));
+                for part in code.flat_map(|line| line.split("crate::").skip(1)) {
+                    let name: String = part.chars().take_while(|c| c.is_lowercase()).collect();
+                    imports += usize::from(!name.is_empty() && name != itself);
+                    assert!(
+                        name.is_empty() || name == itself || may_know.contains(&&*name),
+                        "{} imports {name}",
+                        file.display()
+                    );
+                }
+            }
+        }
+        assert!(imports > 30, "only {imports} imports were found");
+    }
+}
