@@ -1,5 +1,8 @@
 //! The stability analysis against the nonlinear plant and the paper's figures.
 
+// Tests may compare with the platform's functions.
+#![allow(clippy::disallowed_methods)]
+
 use flexor::control::{Controller, ForceProjection, LawParameters, LimitParameters};
 use flexor::model::{ArmParameters, Elbow};
 use flexor::table::Table;

@@ -379,7 +379,7 @@ fn report_facts(report: &Report, tick_rate_hz: u32) -> Vec<(String, String)> {
             "margins".to_string(),
             format!(
                 "gains x {:.3} ({:.1} dB), {:.2} ticks of delay; contact mode's damping ratio {:.3}",
-                10f64.powf(nominal.gain_margin_db / 20.0),
+                libm::pow(10.0, nominal.gain_margin_db / 20.0),
                 nominal.gain_margin_db,
                 nominal.delay_margin_ticks,
                 nominal.contact_damping_min

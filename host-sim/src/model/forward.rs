@@ -211,10 +211,10 @@ fn joints_and_contact<T: Real>(
     let s2 = c64(model.link2_moment);
     let coupling = r1 * (s2 * c - bq * s);
     let lever = r1 * c;
+    let length = model.arm.link1_length_m;
     let matrix = [
         [
-            c64(model.link1_inertia + model.link2_mass * model.arm.link1_length_m.powi(2))
-                - lever * b_column1,
+            c64(model.link1_inertia + model.link2_mass * (length * length)) - lever * b_column1,
             coupling - lever * c64(dot(b, p)),
             r1 * configuration.along_n1(normal) - lever * b_column_f,
         ],

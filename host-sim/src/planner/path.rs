@@ -20,12 +20,16 @@ impl Profile {
                 // fast modes of the elastic link magnify that; so from the nearer end, and
                 // the derivatives as 2772 (x (1 - x))^5 and its own.
                 let near = x.min(1.0 - x);
-                let share = C.iter().rev().fold(0.0, |sum, c| sum * near + c) * near.powi(6);
+                let near2 = near * near;
+                let share =
+                    C.iter().rev().fold(0.0, |sum, c| sum * near + c) * (near2 * (near2 * near2));
                 let both = x * (1.0 - x);
+                let both2 = both * both;
+                let both4 = both2 * both2;
                 [
                     if x <= 0.5 { share } else { 1.0 - share },
-                    2772.0 * both.powi(5),
-                    13860.0 * both.powi(4) * (1.0 - 2.0 * x),
+                    2772.0 * (both * both4),
+                    13860.0 * both4 * (1.0 - 2.0 * x),
                 ]
             }
         }
@@ -70,7 +74,7 @@ impl LinePath {
 
     /// Length of the way, m.
     pub fn length(&self) -> f64 {
-        (self.to[0] - self.from[0]).hypot(self.to[1] - self.from[1])
+        libm::hypot(self.to[0] - self.from[0], self.to[1] - self.from[1])
     }
 
     /// Share of the way, 0 to 1, at which the line is nearest to the origin (joint 1).

@@ -353,7 +353,7 @@ impl Plan {
 
     /// Direction of the surface normal, rad from a1 towards a2.
     pub fn normal_angle(&self) -> f64 {
-        self.surface.normal[1].atan2(self.surface.normal[0])
+        libm::atan2(self.surface.normal[1], self.surface.normal[0])
     }
 
     /// Nodal deflections and slopes at a tick (m, rad).

@@ -291,8 +291,8 @@ impl Plant {
         let normal = self.surface.normal;
         // The step's error is far below 1e-7 m, and Newton squares it.
         for _ in 0..2 {
-            let (s1, c1) = (self.state[0].sin(), self.state[0].cos());
-            let (s2, c2) = (self.state[1].sin(), self.state[1].cos());
+            let (s1, c1) = libm::sincos(self.state[0]);
+            let (s2, c2) = libm::sincos(self.state[1]);
             let gradient = [
                 r1 * (normal[1] * c1 - normal[0] * s1),
                 r2 * (normal[1] * c2 - normal[0] * s2),

@@ -55,7 +55,7 @@ fn down(value: f64) -> String {
     if !(value > 0.0) {
         return "0".into();
     }
-    let unit = 10f64.powf(value.log10().floor() - 1.0);
+    let unit = libm::pow(10.0, libm::log10(value).floor() - 1.0);
     four_digits((value / unit + 1e-9).floor() * unit).to_string()
 }
 

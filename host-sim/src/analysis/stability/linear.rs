@@ -8,6 +8,7 @@
 //! can be measured; run with [`Dual`] numbers they give the derivatives as well, exactly.
 
 use super::StabilityError;
+use super::complex::norm;
 use super::dual::Dual;
 use crate::model::arm_model::ArmModel;
 use crate::model::configuration::Surface;
@@ -66,7 +67,7 @@ impl OperatingPoint {
     ) -> Result<Self, StabilityError> {
         let (model, planned) = (&variant.model, &plan.model);
         let point = sampler.at(t);
-        let (sine, cosine) = variant.contact_angle_rad.sin_cos();
+        let (sine, cosine) = libm::sincos(variant.contact_angle_rad);
         let turn = |v: [f64; 2]| [cosine * v[0] - sine * v[1], sine * v[0] + cosine * v[1]];
         let path = &plan.task.path;
         let length = path.length();
@@ -298,7 +299,7 @@ impl Linear {
 /// Slowest first; a pair's positive frequency first.
 pub(super) fn sort(poles: &mut [Complex<f64>]) {
     poles.sort_by(|a, b| {
-        let key = |p: &Complex<f64>| (p.norm() * 1e9).round();
+        let key = |p: &Complex<f64>| (norm(*p) * 1e9).round();
         key(a).total_cmp(&key(b)).then(b.im.total_cmp(&a.im))
     });
 }

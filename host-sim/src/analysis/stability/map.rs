@@ -109,7 +109,7 @@ pub fn map(
         (0..CELLS[axis])
             .map(|i| {
                 let share = (i as f64 + 0.5) / CELLS[axis] as f64 - 0.5;
-                middle * 10f64.powf(DECADES * share)
+                middle * libm::pow(10.0, DECADES * share)
             })
             .collect::<Vec<f64>>()
     });

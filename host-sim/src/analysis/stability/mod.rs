@@ -16,6 +16,7 @@
 //! arm, a *spread* a set of them.
 
 pub mod advice;
+mod complex;
 pub mod dual;
 pub mod linear;
 pub mod map;

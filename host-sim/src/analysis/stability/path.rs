@@ -2,6 +2,7 @@
 //! arm and for a spread of plants.
 
 use super::StabilityError;
+use super::complex::{ln, norm};
 use super::linear::{Linear, OperatingPoint};
 use super::sampled::{LinearLaw, Sampled, with_gains_times};
 use crate::planner::plan::Plan;
@@ -91,7 +92,7 @@ impl FrozenPoint {
 
     /// Frequency of the contact mode without feedback, rad/s.
     pub fn contact_frequency(&self) -> f64 {
-        self.open.get(2).map_or(0.0, |pole| pole.norm())
+        self.open.get(2).map_or(0.0, |pole| norm(*pole))
     }
 
     /// The closed loop with the gains of `law`, its torques acting `delay_ticks` late.
@@ -102,14 +103,14 @@ impl FrozenPoint {
         let mut poles: Vec<(Complex<f64>, f64)> = super::eigenvalues(matrix)
             .into_iter()
             // An eigenvalue of zero decays at once.
-            .filter(|z| !(z.norm() < 1e-9))
-            .map(|z| (z.ln() / period, z.norm()))
+            .filter(|z| !(norm(*z) < 1e-9))
+            .map(|z| (ln(z) / period, norm(z)))
             .collect();
         // The sliding is the pole nearest to that without feedback. Where others come
         // near, as an integrator of its frequency does, it is the least damped of them.
         let mut taken = |near: Complex<f64>| {
-            let distance = |i: &usize| (poles[*i].0 - near).norm();
-            let close = (0..poles.len()).filter(|i| distance(i) < 0.5 * near.norm());
+            let distance = |i: &usize| norm(poles[*i].0 - near);
+            let close = (0..poles.len()).filter(|i| distance(i) < 0.5 * norm(near));
             let found = close
                 .max_by(|i, j| poles[*i].0.re.total_cmp(&poles[*j].0.re))
                 .or_else(|| (0..poles.len()).min_by(|i, j| distance(i).total_cmp(&distance(j))));
@@ -134,8 +135,8 @@ impl FrozenPoint {
         let contact = self.contact_frequency();
         let contact_damping = poles
             .iter()
-            .filter(|(p, _)| p.im > 0.0 && p.norm() > contact / 3.0 && p.norm() < 3.0 * contact)
-            .map(|(p, _)| -p.re / p.norm())
+            .filter(|(p, _)| p.im > 0.0 && norm(*p) > contact / 3.0 && norm(*p) < 3.0 * contact)
+            .map(|(p, _)| -p.re / norm(*p))
             .fold(1.0, f64::min);
         let mut poles: Vec<Complex<f64>> = poles.into_iter().map(|(pole, _)| pole).collect();
         super::linear::sort(&mut poles);
@@ -171,7 +172,7 @@ impl FrozenPoint {
         step: f64,
         most: f64,
     ) -> f64 {
-        let stable = |db: f64| self.is_stable(plan, law, 10f64.powf(db / 20.0), 0.0);
+        let stable = |db: f64| self.is_stable(plan, law, libm::pow(10.0, db / 20.0), 0.0);
         let (step, end) = if up {
             (step, most)
         } else {
@@ -340,19 +341,19 @@ pub fn describe(pole: Complex<f64>, spot: &FrozenPoint) -> String {
     let contact = spot.contact_frequency();
     let sliding = spot.open[..2]
         .iter()
-        .any(|p| (p - pole).norm() < 0.1 * (1.0 + p.norm()));
+        .any(|p| norm(p - pole) < 0.1 * (1.0 + norm(*p)));
     let name = if sliding {
         "the sliding along the surface".to_string()
     } else if hertz > 0.9 * nyquist {
         "the link's root alternating from tick to tick".to_string()
-    } else if pole.im == 0.0 && pole.norm() < 3.0 * contact {
+    } else if pole.im == 0.0 && norm(pole) < 3.0 * contact {
         "the force integrator".to_string()
-    } else if pole.norm() < 0.5 * contact {
+    } else if norm(pole) < 0.5 * contact {
         "the force integrator against the link".to_string()
     } else {
         let pairs = spot.open.iter().enumerate().skip(2);
         let nearest = pairs.filter(|(_, p)| p.im >= 0.0).min_by(|(_, a), (_, b)| {
-            let ratio = |p: &Complex<f64>| (p.norm() / pole.norm()).ln().abs();
+            let ratio = |p: &Complex<f64>| libm::log(norm(*p) / norm(pole)).abs();
             ratio(a).total_cmp(&ratio(b))
         });
         match nearest {

@@ -32,6 +32,7 @@ use crate::plant::PlantParameters;
 use crate::plant::spread::{PlantVariant, Spread};
 use argmin::core::{CostFunction, Executor};
 use argmin::solver::particleswarm::ParticleSwarm;
+use core::f64::consts::LN_2;
 use flexor::control::LawParameters;
 use nalgebra::DMatrix;
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -355,8 +356,8 @@ impl Bounds {
             ),
         ];
         Self {
-            low: ranges.iter().map(|(low, _)| low.ln()).collect(),
-            high: ranges.iter().map(|(_, high)| high.ln()).collect(),
+            low: ranges.iter().map(|(low, _)| libm::log(*low)).collect(),
+            high: ranges.iter().map(|(_, high)| libm::log(*high)).collect(),
         }
     }
 
@@ -367,7 +368,7 @@ impl Bounds {
             if i < 4 && share < LEAST {
                 0.0
             } else {
-                two_digits(place[i].exp())
+                two_digits(libm::exp(place[i]))
             }
         };
         LawParameters {
@@ -398,7 +399,7 @@ impl Search<'_> {
                 for (factor, delay) in &condition.at {
                     let verdict = spot.verdict(self.plan, &with_gains_times(law, *factor), *delay);
                     if !verdict.is_stable() {
-                        let growth = verdict.radius.ln() / spot.sampled.period;
+                        let growth = libm::log(verdict.radius) / spot.sampled.period;
                         let growth = if growth.is_finite() { growth } else { 1e6 };
                         worst = Some(worst.map_or(growth, |w: f64| w.max(growth)));
                     }
@@ -444,7 +445,8 @@ impl Search<'_> {
                 terms += START_WEIGHTS[start];
             }
             let tip = errors.tip_rms_m[0] / (prediction.open.tip_rms_m[0] + 1e-6);
-            sum += 10.0 * (tip / TIP_LIMIT - 1.0).max(0.0).powi(2);
+            let off = (tip / TIP_LIMIT - 1.0).max(0.0);
+            sum += 10.0 * (off * off);
         }
         let cost = (sum / terms).sqrt();
         if cost.is_finite() { cost } else { 1e9 }
@@ -532,7 +534,7 @@ impl<'a> Search<'a> {
         progress: &'a (dyn Fn() + Sync),
     ) -> Result<Self, StabilityError> {
         // A hair more than asked for, as the conditions are tried at fewer points.
-        let gain = 10f64.powf((options.gain_margin_db + 0.1) / 20.0);
+        let gain = libm::pow(10.0, (options.gain_margin_db + 0.1) / 20.0);
         let delay = options.delay_margin_ticks + 0.02;
         let plants = Plants::new(plan, options)?;
         let condition = |(_, variant): &(String, PlantVariant), points, at: &[(f64, f64)]| {
@@ -573,11 +575,14 @@ impl<'a> Search<'a> {
     fn fly(self) -> Result<(Self, LawParameters), StabilityError> {
         let options = self.options;
         let failed = |error: argmin::core::Error| StabilityError::Optimiser(error.to_string());
-        let swarm = ParticleSwarm::new(
-            (self.bounds.low.clone(), self.bounds.high.clone()),
-            options.particles,
-        )
-        .with_rng_generator(Xoshiro256PlusPlus::seed_from_u64(options.seed));
+        let bounds = (self.bounds.low.clone(), self.bounds.high.clone());
+        // The usual factors, which the library derives from the platform's logarithm.
+        let swarm = ParticleSwarm::new(bounds, options.particles)
+            .with_inertia_factor(1.0 / (2.0 * LN_2))
+            .and_then(|swarm| swarm.with_cognitive_factor(0.5 + LN_2))
+            .and_then(|swarm| swarm.with_social_factor(0.5 + LN_2))
+            .map_err(failed)?
+            .with_rng_generator(Xoshiro256PlusPlus::seed_from_u64(options.seed));
         let result = Executor::new(self, swarm)
             .configure(|state| state.max_iters(options.iterations))
             .ctrlc(false)
