@@ -11,6 +11,7 @@
 //! root; *chord* is the line from joint 2 to the tip.
 
 use flexor::model::{ArmParameters, Beam, BeamParameters, Kinematics};
+use flexor::number::Real;
 use nalgebra::{DMatrix, DVector};
 
 /// Largest number of elements that link 2 can be divided into.
@@ -288,9 +289,12 @@ pub fn outline(arm: &ArmParameters, elements: usize, intervals: usize) -> Option
     })
 }
 
-/// Scalar product.
-pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
+/// Scalar product of constants with variables.
+pub(crate) fn dot<T: Real>(constants: &[f64], variables: &[T]) -> T {
+    constants
+        .iter()
+        .zip(variables)
+        .fold(T::ZERO, |sum, (c, v)| sum + T::from_f64(*c) * *v)
 }
 
 #[cfg(test)]

@@ -84,11 +84,7 @@ pub fn derivative<T: Real>(
     let n = model.dof();
     let view = State(state);
     let [rate1, rate2] = view.rate();
-    let root_rate = view
-        .q_rate()
-        .iter()
-        .zip(&model.root_slope)
-        .fold(T::ZERO, |sum, (v, e)| sum + T::from_f64(*e) * *v);
+    let root_rate = dot(&model.root_slope, view.q_rate());
     let lost = friction(parameters, [rate1, rate2 + root_rate - rate1]);
     let drive = Actuation {
         torque: [torque[0] - lost[0], torque[1] - lost[1]],

@@ -10,7 +10,7 @@
 use super::StabilityError;
 use super::complex::norm;
 use super::dual::Dual;
-use crate::model::arm_model::ArmModel;
+use crate::model::arm_model::{ArmModel, dot};
 use crate::model::configuration::Surface;
 use crate::model::dynamics;
 use crate::model::forward::Workspace;
@@ -169,11 +169,7 @@ pub fn derivative<T: Real>(
     });
     rate[m + 1..].copy_from_slice(&slope[4 + n..]);
 
-    let at_root = |q: &[T]| {
-        q.iter()
-            .zip(&model.root_slope)
-            .fold(T::ZERO, |sum, (q, e)| sum + T::from_f64(*e) * *q)
-    };
+    let at_root = |q: &[T]| dot(&model.root_slope, q);
     let mut output = [T::ZERO; OUTPUTS];
     output[FORCE] = force;
     output[SLOPE_RATE] = at_root(&y[m + 1..]);
