@@ -254,7 +254,7 @@ impl ArmModel {
     /// `from`, in this model's modal coordinates: this model's nodes take the
     /// deflection and slope that the other shape has there. That is the projection
     /// with the least bending energy left over, so it excites nothing.
-    pub fn adopt(&self, from: &Self, q: &[f64]) -> Vec<f64> {
+    pub fn project_shape_from(&self, from: &Self, q: &[f64]) -> Vec<f64> {
         let mut nodal = DVector::zeros(self.dof());
         for node in 0..=self.elements {
             let rho = self.arm.link2_length_m * node as f64 / self.elements as f64;

@@ -79,7 +79,7 @@ impl OperatingPoint {
             offset_m: normal[0] * tip[0] + normal[1] * tip[1],
         };
 
-        let mut q = model.adopt(planned, sampler.q());
+        let mut q = model.project_shape_from(planned, sampler.q());
         let mut torque = point.torque;
         let angle = point.joint.angle;
         let rest = |model: &ArmModel, force, geometric| {
@@ -90,9 +90,9 @@ impl OperatingPoint {
         let geometric = variant.parameters.geometric_stiffness;
         let own = rest(model, normal.map(|n| n * plan.task.normal_force), geometric)?;
         let theirs = rest(planned, plan.force(), false)?;
-        let adopted = model.adopt(planned, &theirs.0);
+        let projected = model.project_shape_from(planned, &theirs.0);
         for i in 0..q.len() {
-            q[i] += own.0[i] - adopted[i];
+            q[i] += own.0[i] - projected[i];
         }
         for joint in 0..2 {
             torque[joint] += own.1[joint] - theirs.1[joint];
@@ -103,7 +103,7 @@ impl OperatingPoint {
         state.extend(q);
         let velocity = point.tip.velocity;
         state.push(along[0] * velocity[0] + along[1] * velocity[1]);
-        state.extend(model.adopt(planned, sampler.q_rate()));
+        state.extend(model.project_shape_from(planned, sampler.q_rate()));
         Ok(Self {
             t,
             surface,

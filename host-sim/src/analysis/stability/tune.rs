@@ -265,19 +265,19 @@ fn mismatch(
         Ok::<_, StabilityError>((rate, output))
     };
     let (model, from) = (&variant.model, &planned.model);
-    let adopt = |planned: &[f64]| {
+    let project = |planned: &[f64]| {
         let m = planned.len() / 2;
-        let mut adopted = vec![planned[0]];
-        adopted.extend(model.adopt(from, &planned[1..m]));
-        adopted.push(planned[m]);
-        adopted.extend(model.adopt(from, &planned[m + 1..]));
-        adopted
+        let mut projected = vec![planned[0]];
+        projected.extend(model.project_shape_from(from, &planned[1..m]));
+        projected.push(planned[m]);
+        projected.extend(model.project_shape_from(from, &planned[m + 1..]));
+        projected
     };
     let (rate, output) = evaluate(planned, &point.state)?;
-    let (own_rate, own_output) = evaluate(variant, &adopt(&point.state))?;
+    let (own_rate, own_output) = evaluate(variant, &project(&point.state))?;
     let left = own_rate
         .iter()
-        .zip(adopt(&rate))
+        .zip(project(&rate))
         .map(|(own, planned)| own - planned)
         .collect();
     let difference = [FORCE, SLOPE_RATE].map(|i| own_output[i] - output[i]);
@@ -294,8 +294,8 @@ fn starts(plan: &Plan, variant: &PlantVariant) -> Result<[Vec<f64>; 2], Stabilit
     let geometric = variant.parameters.geometric_stiffness;
     let (rest, _) = dynamics::equilibrium(model, point.joint.angle, plan.force(), geometric)
         .ok_or(StabilityError::Buckled { t_s: t })?;
-    let q = model.adopt(&plan.model, sampler.q());
-    let rate = model.adopt(&plan.model, sampler.q_rate());
+    let q = model.project_shape_from(&plan.model, sampler.q());
+    let rate = model.project_shape_from(&plan.model, sampler.q_rate());
     let (n, m) = (q.len(), 1 + q.len());
     let mut still = vec![0.0; 2 * m];
     for i in 0..n {
