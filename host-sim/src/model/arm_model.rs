@@ -276,7 +276,11 @@ impl ArmModel {
 /// `elements` elements to its deflection (m, along n(theta20)) at `intervals + 1`
 /// equally spaced points of the chord, from joint 2 to the tip. `None` for a number of
 /// elements outside 1 to [`ELEMENTS_MAX`].
-pub fn outline(arm: &ArmParameters, elements: usize, intervals: usize) -> Option<DMatrix<f64>> {
+pub fn deflection_matrix(
+    arm: &ArmParameters,
+    elements: usize,
+    intervals: usize,
+) -> Option<DMatrix<f64>> {
     let step = arm.link2_length_m / intervals.max(1) as f64;
     with_dof!(elements, DOF => {
         let beam = Beam::<f64, DOF>::new(beam_parameters(arm));

@@ -11,7 +11,7 @@ mod accuracy;
 pub(super) mod gains;
 
 use super::{Case, ReportError, write_file};
-use crate::model::arm_model::outline;
+use crate::model::arm_model::deflection_matrix;
 use crate::simulation::closed_loop::LogRow;
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
@@ -920,7 +920,7 @@ fn stick_figure(case: &Case) -> Result<Figure, ReportError> {
             .position(reached)
             .map(|i| i + from)
     });
-    let shape = outline(&plan.model.arm, plan.model.elements, OUTLINE_INTERVALS)
+    let shape = deflection_matrix(&plan.model.arm, plan.model.elements, OUTLINE_INTERVALS)
         .unwrap_or_else(|| nalgebra::DMatrix::zeros(OUTLINE_INTERVALS + 1, plan.model.dof()));
     let postures: Vec<Vec<(f64, f64)>> = ticks
         .map(|tick| planned_outline(case, &shape, tick))
@@ -1337,11 +1337,12 @@ mod tests {
         let (plan, _) = short_run();
         let model = &plan.model;
         let q: Vec<f64> = (0..model.dof()).map(|i| 0.01 / (1.0 + i as f64)).collect();
-        let shape = outline(&model.arm, model.elements, 7).unwrap() * model.deflection(&q);
+        let shape =
+            deflection_matrix(&model.arm, model.elements, 7).unwrap() * model.deflection(&q);
         for i in 0..=7 {
             let rho = model.arm.link2_length_m * i as f64 / 7.0;
             assert!((shape[i] - model.deflection_at(&q, rho)[0]).abs() < 1e-14);
         }
-        assert!(outline(&model.arm, 0, 7).is_none());
+        assert!(deflection_matrix(&model.arm, 0, 7).is_none());
     }
 }
