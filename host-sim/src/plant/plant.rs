@@ -265,12 +265,12 @@ impl Plant {
         for _ in 0..self.substeps {
             let t = self.steps as f64 * h;
             self.integrator
-                .step(&mut self.state, h, |share, state, slope| {
+                .step(&mut self.state, h, |fraction, state, slope| {
                     derivative(
                         &self.model,
                         &self.parameters,
                         &self.surface,
-                        torque(t + share * h),
+                        torque(t + fraction * h),
                         state,
                         slope,
                         &mut self.workspace,
