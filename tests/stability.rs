@@ -297,12 +297,12 @@ fn rays() -> Vec<LawParameters> {
 /// The factor on `law`'s gains at which the predicted loop becomes unstable.
 fn predicted_edge(plan: &Plan, law: &LawParameters) -> f64 {
     let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
-    let spots = path::spots(plan, &variant, &path::times(plan, 2)).unwrap();
+    let frozen_points = path::frozen_points(plan, &variant, &path::times(plan, 2)).unwrap();
     let stable = |factor: f64| {
         let law = with_gains_times(law, factor);
-        spots
+        frozen_points
             .iter()
-            .all(|spot| spot.verdict(plan, &law, 0.0).is_stable())
+            .all(|frozen| frozen.verdict(plan, &law, 0.0).is_stable())
     };
     let mut edge = 1e-4;
     assert!(stable(edge), "{law:?}");
@@ -335,8 +335,8 @@ fn compare_edges(tick_rate_hz: u32) {
         let edge = predicted_edge(&plan, ray);
         let beyond = with_gains_times(ray, 1.05 * edge);
         let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
-        let spots = path::spots(&plan, &variant, &[0.0]).unwrap();
-        let verdict = spots[0].verdict(&plan, &beyond, 0.0);
+        let frozen_points = path::frozen_points(&plan, &variant, &[0.0]).unwrap();
+        let verdict = frozen_points[0].verdict(&plan, &beyond, 0.0);
         let growth = verdict.radius.ln() * f64::from(tick_rate_hz);
         // Long enough to see the predicted growth, and some periods of the sliding.
         let duration = (10.0 / growth).clamp(8.0, 200.0);
@@ -527,13 +527,13 @@ fn margins_are_where_the_loop_becomes_unstable() {
     let plan = paper_plan(5000);
     let law = default_law();
     let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
-    let spots = path::spots(&plan, &variant, &[0.0, 1.0, 1.9]).unwrap();
-    for spot in spots {
-        let gain = spot.gain_margin_db(&plan, &law, 2.5, path::GAIN_MARGIN_MAX_DB);
-        let delay = spot.delay_margin_ticks(&plan, &law, path::DELAY_MARGIN_MAX_TICKS);
+    let frozen_points = path::frozen_points(&plan, &variant, &[0.0, 1.0, 1.9]).unwrap();
+    for frozen in frozen_points {
+        let gain = frozen.gain_margin_db(&plan, &law, 2.5, path::GAIN_MARGIN_MAX_DB);
+        let delay = frozen.delay_margin_ticks(&plan, &law, path::DELAY_MARGIN_MAX_TICKS);
         let stable = |db: f64, delay: f64| {
             let law = with_gains_times(&law, 10f64.powf(db / 20.0));
-            spot.verdict(&plan, &law, delay).is_stable()
+            frozen.verdict(&plan, &law, delay).is_stable()
         };
         assert!(
             stable(gain - 0.02, 0.0) && !stable(gain + 0.02, 0.0),

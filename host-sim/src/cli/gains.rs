@@ -318,7 +318,7 @@ fn write_page(
     let plan = &setting.planned.plan;
     let variant = setting.variant()?;
     let start = plan.time(0);
-    let spots = path::spots(plan, &variant, &[start])?;
+    let frozen_points = path::frozen_points(plan, &variant, &[start])?;
     let map = map::map(plan, &variant, law, map_of)?;
     let mut spread: Vec<&Summary> = report.spread.iter().collect();
     spread.sort_by(|a, b| b.spectral_radius_max.total_cmp(&a.spectral_radius_max));
@@ -329,7 +329,7 @@ fn write_page(
         plants: &plants,
         gains: report::Gains {
             points: &report.points,
-            spots: &spots,
+            frozen_points: &frozen_points,
             map: &map,
             times: [start, plan.time(plan.ticks)],
         },

@@ -250,7 +250,7 @@ pub fn times(plan: &Plan, points: usize) -> Vec<f64> {
 ///
 /// # Errors
 /// [`StabilityError`].
-pub fn spots(
+pub fn frozen_points(
     plan: &Plan,
     variant: &PlantVariant,
     times: &[f64],
@@ -303,7 +303,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    fn new(name: &str, spots: &[FrozenPoint], points: &[PathPoint]) -> Option<Self> {
+    fn new(name: &str, frozen_points: &[FrozenPoint], points: &[PathPoint]) -> Option<Self> {
         let worst = (0..points.len()).max_by(|i, j| {
             points[*i]
                 .verdict
@@ -322,7 +322,7 @@ impl Summary {
             spectral_radius_max: verdict.radius,
             worst_t_s: points[worst].t,
             worst_pole: verdict.worst,
-            worst_mode: describe(verdict.worst, &spots[worst]),
+            worst_mode: describe(verdict.worst, &frozen_points[worst]),
             contact_damping_min: least(&|p| p.verdict.contact_damping),
             gain_margin_db: tightest.gain_margin_db,
             gain_margin_t_s: tightest.t,
@@ -334,12 +334,12 @@ impl Summary {
     }
 }
 
-/// What a pole, 1/s, of the closed loop at `spot` is, in words.
-pub fn describe(pole: Complex<f64>, spot: &FrozenPoint) -> String {
+/// What a pole, 1/s, of the closed loop at `frozen` is, in words.
+pub fn describe(pole: Complex<f64>, frozen: &FrozenPoint) -> String {
     let hertz = pole.im.abs() / core::f64::consts::TAU;
-    let nyquist = 0.5 / spot.sampled.period;
-    let contact = spot.contact_frequency();
-    let sliding = spot.open[..2]
+    let nyquist = 0.5 / frozen.sampled.period;
+    let contact = frozen.contact_frequency();
+    let sliding = frozen.open[..2]
         .iter()
         .any(|p| norm(p - pole) < 0.1 * (1.0 + norm(*p)));
     let name = if sliding {
@@ -351,7 +351,7 @@ pub fn describe(pole: Complex<f64>, spot: &FrozenPoint) -> String {
     } else if norm(pole) < 0.5 * contact {
         "the force integrator against the link".to_string()
     } else {
-        let pairs = spot.open.iter().enumerate().skip(2);
+        let pairs = frozen.open.iter().enumerate().skip(2);
         let nearest = pairs.filter(|(_, p)| p.im >= 0.0).min_by(|(_, a), (_, b)| {
             let ratio = |p: &Complex<f64>| libm::log(norm(*p) / norm(pole)).abs();
             ratio(a).total_cmp(&ratio(b))
@@ -381,22 +381,22 @@ pub fn examine(
     times: &[f64],
     progress: &(dyn Fn() + Sync),
 ) -> Result<(Summary, Vec<PathPoint>), StabilityError> {
-    let spots = spots(plan, variant, times)?;
-    let points: Vec<PathPoint> = spots
+    let frozen_points = frozen_points(plan, variant, times)?;
+    let points: Vec<PathPoint> = frozen_points
         .par_iter()
-        .map(|spot| {
+        .map(|frozen| {
             let step = GAIN_STEPS_DB[0];
             let point = PathPoint {
-                t: spot.t,
-                verdict: spot.verdict(plan, law, 0.0),
-                gain_margin_db: spot.gain_margin_db(plan, law, step, GAIN_MARGIN_MAX_DB),
-                delay_margin_ticks: spot.delay_margin_ticks(plan, law, DELAY_MARGIN_MAX_TICKS),
+                t: frozen.t,
+                verdict: frozen.verdict(plan, law, 0.0),
+                gain_margin_db: frozen.gain_margin_db(plan, law, step, GAIN_MARGIN_MAX_DB),
+                delay_margin_ticks: frozen.delay_margin_ticks(plan, law, DELAY_MARGIN_MAX_TICKS),
             };
             progress();
             point
         })
         .collect();
-    let summary = Summary::new(name, &spots, &points).ok_or(StabilityError::NoPoints)?;
+    let summary = Summary::new(name, &frozen_points, &points).ok_or(StabilityError::NoPoints)?;
     Ok((summary, points))
 }
 
@@ -414,32 +414,32 @@ pub fn examine_least(
     times: &[f64],
     progress: &(dyn Fn() + Sync),
 ) -> Result<Summary, StabilityError> {
-    let spots = spots(plan, variant, times)?;
+    let frozen_points = frozen_points(plan, variant, times)?;
     let (mut gain, mut delay) = (GAIN_MARGIN_MAX_DB, DELAY_MARGIN_MAX_TICKS);
-    let points: Vec<PathPoint> = spots
+    let points: Vec<PathPoint> = frozen_points
         .iter()
-        .map(|spot| {
-            let verdict = spot.verdict(plan, law, 0.0);
+        .map(|frozen| {
+            let verdict = frozen.verdict(plan, law, 0.0);
             // Where the loop is unstable as it is, both are looked for downwards.
             let stable = verdict.is_stable();
             if !stable || gain > 0.0 {
                 let step = GAIN_STEPS_DB[1];
-                gain = gain.min(spot.gain_margin_from(plan, law, stable, step, gain.max(0.0)));
+                gain = gain.min(frozen.gain_margin_from(plan, law, stable, step, gain.max(0.0)));
             }
-            let holds = delay > 0.0 && stable && spot.is_stable(plan, law, 1.0, delay);
+            let holds = delay > 0.0 && stable && frozen.is_stable(plan, law, 1.0, delay);
             if !holds {
-                delay = spot.delay_margin_ticks(plan, law, delay);
+                delay = frozen.delay_margin_ticks(plan, law, delay);
             }
             progress();
             PathPoint {
-                t: spot.t,
+                t: frozen.t,
                 verdict,
                 gain_margin_db: gain,
                 delay_margin_ticks: delay,
             }
         })
         .collect();
-    Summary::new(name, &spots, &points).ok_or(StabilityError::NoPoints)
+    Summary::new(name, &frozen_points, &points).ok_or(StabilityError::NoPoints)
 }
 
 /// As [`examine`], without margins: they come out infinite.
@@ -453,17 +453,17 @@ pub fn quick_check(
     law: &LawParameters,
     times: &[f64],
 ) -> Result<Summary, StabilityError> {
-    let spots = spots(plan, variant, times)?;
-    let points: Vec<PathPoint> = spots
+    let frozen_points = frozen_points(plan, variant, times)?;
+    let points: Vec<PathPoint> = frozen_points
         .par_iter()
-        .map(|spot| PathPoint {
-            t: spot.t,
-            verdict: spot.verdict(plan, law, 0.0),
+        .map(|frozen| PathPoint {
+            t: frozen.t,
+            verdict: frozen.verdict(plan, law, 0.0),
             gain_margin_db: f64::INFINITY,
             delay_margin_ticks: f64::INFINITY,
         })
         .collect();
-    Summary::new(name, &spots, &points).ok_or(StabilityError::NoPoints)
+    Summary::new(name, &frozen_points, &points).ok_or(StabilityError::NoPoints)
 }
 
 /// Stability over the path: the planned arm with everything, other plants in short.

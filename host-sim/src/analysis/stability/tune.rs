@@ -308,9 +308,9 @@ fn starts(plan: &Plan, variant: &PlantVariant) -> Result<[Vec<f64>; 2], Stabilit
     Ok([own, still])
 }
 
-/// Spots of the path with the conditions that a loop must meet there.
+/// Points of the path with the conditions that a loop must meet there.
 struct Condition {
-    spots: Vec<FrozenPoint>,
+    frozen_points: Vec<FrozenPoint>,
     /// Factors on the gains and delays, ticks.
     at: Vec<(f64, f64)>,
 }
@@ -395,11 +395,12 @@ impl Search<'_> {
     fn violation(&self, law: &LawParameters) -> Option<f64> {
         for condition in &self.conditions {
             let mut worst: Option<f64> = None;
-            for spot in &condition.spots {
+            for frozen in &condition.frozen_points {
                 for (factor, delay) in &condition.at {
-                    let verdict = spot.verdict(self.plan, &with_gains_times(law, *factor), *delay);
+                    let verdict =
+                        frozen.verdict(self.plan, &with_gains_times(law, *factor), *delay);
                     if !verdict.is_stable() {
-                        let growth = libm::log(verdict.radius) / spot.sampled.period;
+                        let growth = libm::log(verdict.radius) / frozen.sampled.period;
                         let growth = if growth.is_finite() { growth } else { 1e6 };
                         worst = Some(worst.map_or(growth, |w: f64| w.max(growth)));
                     }
@@ -539,7 +540,7 @@ impl<'a> Search<'a> {
         let plants = Plants::new(plan, options)?;
         let condition = |(_, variant): &(String, PlantVariant), points, at: &[(f64, f64)]| {
             Ok::<_, StabilityError>(Condition {
-                spots: path::spots(plan, variant, &path::times(plan, points))?,
+                frozen_points: path::frozen_points(plan, variant, &path::times(plan, points))?,
                 at: at.to_vec(),
             })
         };
@@ -558,7 +559,7 @@ impl<'a> Search<'a> {
             .collect::<Result<Vec<_>, _>>()?;
         let contact = conditions
             .first()
-            .and_then(|c| c.spots.first())
+            .and_then(|c| c.frozen_points.first())
             .map_or(1.0, FrozenPoint::contact_frequency);
         Ok(Self {
             plan,

@@ -21,7 +21,7 @@ pub struct Gains<'a> {
     /// The planned arm's loop along the path.
     pub points: &'a [PathPoint],
     /// The plant at the path's first point, for its poles without feedback.
-    pub spots: &'a [FrozenPoint],
+    pub frozen_points: &'a [FrozenPoint],
     /// Stability over two gains.
     pub map: &'a Map,
     /// Times of the path, s, first and last.
@@ -62,10 +62,10 @@ const HEAD: f64 = 30.0;
 /// Poles of the closed loop along the path.
 fn loci(gains: &Gains<'_>) -> Result<Figure, ReportError> {
     let contact = gains
-        .spots
+        .frozen_points
         .first()
         .map_or(1.0, FrozenPoint::contact_frequency);
-    let open = || gains.spots.iter().flat_map(|spot| &spot.open);
+    let open = || gains.frozen_points.iter().flat_map(|frozen| &frozen.open);
     let broad = open().map(|p| p.re.abs()).fold(contact, f64::max);
     let fast = open().map(|p| p.im).fold(contact, f64::max);
     let everything = || {
@@ -163,9 +163,10 @@ fn draw_plane(area: &Area<'_>, plane: &Plane, gains: &Gains<'_>) -> Drawn {
         vec![(0.0, low), (0.0, high)],
         line(VERMILLION, 1.2),
     )])?;
-    if let Some(spot) = gains.spots.first() {
+    if let Some(frozen) = gains.frozen_points.first() {
         chart.draw_series(
-            spot.open
+            frozen
+                .open
                 .iter()
                 .filter(|p| inside(p))
                 .map(|p| Cross::new((p.re, p.im), units(5.0), line(SOFT, 1.6))),
