@@ -232,7 +232,7 @@ fn standing(x: f64) -> Task {
 
 /// Whether a nonlinear simulation of `law`, knocked at its start, grows within `duration`
 /// s: the force error's envelope in the last quarter against that in the second. The
-/// sliding neither grows nor decays.
+/// tangential mode neither grows nor decays.
 fn grows(plan: &Plan, image: &[u8], law: &LawParameters, duration: f64) -> bool {
     let limits = LimitParameters {
         torque_nm: [1e3; 2],
@@ -338,7 +338,7 @@ fn compare_edges(tick_rate_hz: u32) {
         let frozen_points = path::frozen_points(&plan, &variant, &[0.0]).unwrap();
         let verdict = frozen_points[0].verdict(&plan, &beyond, 0.0);
         let growth = verdict.radius.ln() * f64::from(tick_rate_hz);
-        // Long enough to see the predicted growth, and some periods of the sliding.
+        // Long enough to see the predicted growth, and some periods of the tangential mode.
         let duration = (10.0 / growth).clamp(8.0, 200.0);
         for (factor, unstable) in [(0.95, false), (1.05, true)] {
             let law = with_gains_times(ray, factor * edge);
@@ -597,7 +597,7 @@ fn gains_that_no_controller_has_are_refused_by_name() {
 }
 
 #[test]
-fn the_printed_linearisation_misses_the_sliding() {
+fn the_printed_linearisation_misses_the_tangential_mode() {
     let plan = paper_plan(5000);
     let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
     let point = OperatingPoint::new(&plan, &mut plan.sampler(), &variant, 0.0).unwrap();
@@ -618,7 +618,7 @@ fn the_printed_linearisation_misses_the_sliding() {
         let singular = pencil.svd(false, false).singular_values;
         assert!(singular.min() < 1e-6 * singular.max(), "{pole}");
     }
-    // No pair near the sliding of the whole arm.
+    // No pair near the tangential mode of the whole arm.
     assert!(
         poles.iter().all(|p| (p - exact[0]).norm() > 1.0),
         "{poles:?}"

@@ -236,7 +236,7 @@ fn summary_json(summary: &Summary) -> Map<String, Value> {
         ("delay_margin_ticks", json!(summary.delay_margin_ticks)),
         (
             "sliding_growth_max_per_s",
-            json!(summary.sliding_growth_max_per_s),
+            json!(summary.tangential_growth_max_per_s),
         ),
     ])
 }
@@ -296,10 +296,10 @@ fn warnings(
         (&report.nominal, setting.variant()?)
     };
     let mut words = advice(plan, &variant, law, summary, &times)?;
-    let growth = report.nominal.sliding_growth_max_per_s;
+    let growth = report.nominal.tangential_growth_max_per_s;
     if report.nominal.stable && growth > 1.0 {
         words.push(format!(
-            "the tip's sliding along the surface grows at up to {growth:.2} 1/s; no gain of eq. 18-20 controls it"
+            "the tangential mode, the tip's motion along the surface, grows at up to {growth:.2} 1/s; no gain of eq. 18-20 controls it"
         ));
     }
     Ok(words)

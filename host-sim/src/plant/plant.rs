@@ -220,8 +220,8 @@ impl Plant {
         self.project();
     }
 
-    /// What can be seen, with the drives giving `torque` (N m): the contact force
-    /// follows the torque at once.
+    /// Outputs y(x, u) of the present state with `torque` (N m) on the joints: the contact
+    /// force depends on the present torque (direct feed-through).
     pub fn read(&mut self, torque: [f64; 2]) -> Reading {
         let force = derivative(
             &self.model,
@@ -309,7 +309,7 @@ impl Plant {
 }
 
 /// Upper bound on the angular frequencies, rad/s, of the arm at `angle` with its tip
-/// on `surface`: eliminating the sliding motion leaves the modes with a reduced mass
+/// on `surface`: eliminating the motion along it leaves the modes with a reduced mass
 /// `1 - h h' / m`, whose stiffness is at most `omega_max^2 + |omega h|^2 / (m - h.h)`.
 fn highest_frequency(model: &ArmModel, surface: &Surface, angle: [f64; 2]) -> f64 {
     let configuration = Configuration::new(model, angle);

@@ -36,7 +36,7 @@ pub struct FrozenPoint {
     pub t: f64,
     /// The sampled plant.
     pub sampled: Sampled,
-    /// Poles without feedback, 1/s, slowest first: the sliding pair, the contact mode's
+    /// Poles without feedback, 1/s, slowest first: the tangential pair, the contact mode's
     /// pair, the link's further modes.
     pub open: Vec<Complex<f64>>,
     /// Control rate, Hz.
@@ -47,12 +47,12 @@ pub struct FrozenPoint {
 #[derive(Clone, Debug, PartialEq)]
 pub struct StabilityVerdict {
     /// Poles of the closed loop, 1/s (the logarithms of the sampled loop's eigenvalues
-    /// over the period), but for the sliding pair and for those that decay within a
+    /// over the period), but for the tangential pair and for those that decay within a
     /// tick; slowest first.
     pub poles: Vec<Complex<f64>>,
-    /// The sliding pair, 1/s.
-    pub sliding: [Complex<f64>; 2],
-    /// Largest magnitude of the eigenvalues from tick to tick, without the sliding pair
+    /// The tangential pair, 1/s.
+    pub tangential: [Complex<f64>; 2],
+    /// Largest magnitude of the eigenvalues from tick to tick, without the tangential pair
     /// while that is as it is without feedback.
     pub radius: f64,
     /// The pole of that eigenvalue, 1/s.
@@ -106,7 +106,7 @@ impl FrozenPoint {
             .filter(|z| !(norm(*z) < 1e-9))
             .map(|z| (ln(z) / period, norm(z)))
             .collect();
-        // The sliding is the pole nearest to that without feedback. Where others come
+        // The tangential mode is the pole nearest to that without feedback. Where others come
         // near, as an integrator of its frequency does, it is the least damped of them.
         let mut taken = |near: Complex<f64>| {
             let distance = |i: &usize| norm(poles[*i].0 - near);
@@ -116,7 +116,7 @@ impl FrozenPoint {
                 .or_else(|| (0..poles.len()).min_by(|i, j| distance(i).total_cmp(&distance(j))));
             found.map_or((near, f64::NAN), |i| poles.swap_remove(i))
         };
-        let sliding = [0, 1].map(|i| taken(self.open[i]));
+        let tangential = [0, 1].map(|i| taken(self.open[i]));
         let mut radius = 0.0;
         let mut worst = Complex::new(f64::NEG_INFINITY, 0.0);
         let mut consider = |pole: Complex<f64>, size: f64| {
@@ -127,8 +127,8 @@ impl FrozenPoint {
         };
         poles.iter().for_each(|(pole, size)| consider(*pole, *size));
         let freely = self.open[..2].iter().map(|p| p.re).fold(0.0, f64::max);
-        for (pole, size) in sliding {
-            if !(pole.re <= freely + sliding_allowance(plan)) {
+        for (pole, size) in tangential {
+            if !(pole.re <= freely + tangential_allowance(plan)) {
                 consider(pole, size);
             }
         }
@@ -142,7 +142,7 @@ impl FrozenPoint {
         super::linear::sort(&mut poles);
         StabilityVerdict {
             poles,
-            sliding: sliding.map(|(pole, _)| pole),
+            tangential: tangential.map(|(pole, _)| pole),
             radius,
             worst,
             contact_damping,
@@ -216,10 +216,10 @@ impl FrozenPoint {
     }
 }
 
-/// How much faster than without feedback the sliding may grow, 1/s: e-fold within the
+/// How much faster than without feedback the tangential mode may grow, 1/s: e-fold within the
 /// motion. It is not controlled by eq. 18-20 at all; frozen at a point of a motion that
 /// brakes or speeds up it may grow or decay without being unstable.
-pub fn sliding_allowance(plan: &Plan) -> f64 {
+pub fn tangential_allowance(plan: &Plan) -> f64 {
     1.0 / plan.task.path.duration
 }
 
@@ -298,8 +298,8 @@ pub struct Summary {
     pub gain_margin_t_s: f64,
     /// Least delay margin.
     pub delay_margin_ticks: f64,
-    /// Fastest growth of the sliding pair, 1/s.
-    pub sliding_growth_max_per_s: f64,
+    /// Fastest growth of the tangential pair, 1/s.
+    pub tangential_growth_max_per_s: f64,
 }
 
 impl Summary {
@@ -327,8 +327,8 @@ impl Summary {
             gain_margin_db: tightest.gain_margin_db,
             gain_margin_t_s: tightest.t,
             delay_margin_ticks: least(&|p| p.delay_margin_ticks),
-            sliding_growth_max_per_s: -least(&|p| {
-                -p.verdict.sliding[0].re.max(p.verdict.sliding[1].re)
+            tangential_growth_max_per_s: -least(&|p| {
+                -p.verdict.tangential[0].re.max(p.verdict.tangential[1].re)
             }),
         })
     }
@@ -339,11 +339,11 @@ pub fn describe(pole: Complex<f64>, frozen: &FrozenPoint) -> String {
     let hertz = pole.im.abs() / core::f64::consts::TAU;
     let nyquist = 0.5 / frozen.sampled.period;
     let contact = frozen.contact_frequency();
-    let sliding = frozen.open[..2]
+    let tangential = frozen.open[..2]
         .iter()
         .any(|p| norm(p - pole) < 0.1 * (1.0 + norm(*p)));
-    let name = if sliding {
-        "the sliding along the surface".to_string()
+    let name = if tangential {
+        "the tangential mode".to_string()
     } else if hertz > 0.9 * nyquist {
         "the link's root alternating from tick to tick".to_string()
     } else if pole.im == 0.0 && norm(pole) < 3.0 * contact {

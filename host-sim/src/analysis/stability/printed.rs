@@ -4,7 +4,7 @@
 //! What the print leaves out or gets wrong, line by line:
 //!
 //! - the joint angles' deviations. The angles are held at their planned values, so the
-//!   sliding is missing, and the link's modes are those of a link whose chord stands
+//!   tangential mode is missing, and the link's modes are those of a link whose chord stands
 //!   still;
 //! - with the angles gone there are as many equations as before and fewer unknowns, and
 //!   `e_f` and its integral count as independent of each other (no row says that one is

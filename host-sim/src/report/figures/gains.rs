@@ -72,14 +72,14 @@ fn loci(gains: &Gains<'_>) -> Result<Figure, ReportError> {
         gains
             .points
             .iter()
-            .flat_map(|p| p.verdict.poles.iter().chain(&p.verdict.sliding))
+            .flat_map(|p| p.verdict.poles.iter().chain(&p.verdict.tangential))
     };
     let near = |limits: [f64; 2], f: &dyn Fn(&Complex<f64>) -> f64, floor: f64| {
         Axis::new(everything().map(f).chain([floor]), 0.1 * contact, limits, 6)
     };
     let planes = [
         Plane {
-            heading: "slow poles: sliding, force integrator, contact mode".into(),
+            heading: "slow poles: tangential mode, force integrator, contact mode".into(),
             real: near([-1.6 * contact, 0.6 * contact], &|p| p.re, 0.2 * contact).without_cut(),
             imaginary: near([0.0, 2.2 * contact], &|p| p.im.max(0.0), 1.2 * contact).without_cut(),
         },
@@ -102,7 +102,7 @@ fn loci(gains: &Gains<'_>) -> Result<Figure, ReportError> {
     })?;
     Ok(Figure {
         name: "gains_loci".into(),
-        caption: "Poles of the closed loop along the path, frozen at each point (upper half; the logarithms of the sampled loop's eigenvalues over the period), and without feedback. The sliding pair is not controlled; left of the line is stable."
+        caption: "Poles of the closed loop along the path, frozen at each point (upper half; the logarithms of the sampled loop's eigenvalues over the period), and without feedback. The tangential pair, the tip's motion along the surface, is not controlled; left of the line is stable."
             .into(),
         svg,
     })
@@ -175,7 +175,7 @@ fn draw_plane(area: &Area<'_>, plane: &Plane, gains: &Gains<'_>) -> Drawn {
     let last = gains.points.len().max(2) - 1;
     for (i, point) in gains.points.iter().enumerate() {
         let colour = along(i as f64 / last as f64);
-        let poles = point.verdict.poles.iter().chain(&point.verdict.sliding);
+        let poles = point.verdict.poles.iter().chain(&point.verdict.tangential);
         chart.draw_series(
             poles
                 .filter(|p| inside(p))
@@ -348,11 +348,11 @@ fn margins(gains: &Gains<'_>) -> Result<Figure, ReportError> {
         panel(
             vec![
                 level("edge of stability", 0.0),
-                curve("slowest pole but the sliding", BLUE, &|p| {
+                curve("slowest pole but the tangential", BLUE, &|p| {
                     p.verdict.worst.re
                 }),
-                curve("sliding", ORANGE, &|p| {
-                    p.verdict.sliding[0].re.max(p.verdict.sliding[1].re)
+                curve("tangential mode", ORANGE, &|p| {
+                    p.verdict.tangential[0].re.max(p.verdict.tangential[1].re)
                 }),
             ],
             "real part (1/s)",
