@@ -118,6 +118,32 @@ pub struct Reading {
 }
 
 /// The simulated arm.
+///
+/// At rest under the torques that hold it, it stays so:
+///
+/// ```
+/// use flexor_sim::files::config::{self, DEFAULT_ARM};
+/// use flexor_sim::model::configuration::Surface;
+/// use flexor_sim::model::dynamics::equilibrium;
+/// use flexor_sim::plant::{Plant, PlantParameters, resting_state};
+///
+/// let arm = config::parse_arm("arm.toml", DEFAULT_ARM)?.arm;
+/// let parameters = PlantParameters::default();
+/// let model = parameters.model(&arm)?;
+/// // The tip at (0.6, 0.05) m presses with 2 N on a surface below it; a2 points down.
+/// let surface = Surface { normal: [0.0, 1.0], offset_m: 0.05 };
+/// let angle = model.kinematics.inverse([0.6, 0.05], arm.elbow).expect("in reach");
+/// let force = surface.normal.map(|n| 2.0 * n);
+/// let (_, torque) = equilibrium(&model, angle, force, false).expect("it does not buckle");
+///
+/// let state = resting_state(&model, &parameters, angle, force)?;
+/// let mut plant = Plant::new(model, &parameters, surface, 1.0 / 5000.0, state)?;
+/// for _ in 0..500 {
+///     plant.advance(torque);
+/// }
+/// assert!((plant.read(torque).force - 2.0).abs() < 1e-8);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Plant {
     model: ArmModel,
