@@ -1,5 +1,8 @@
 //! The planner against independent solutions, and against itself where there are none.
 
+// Tests may compare with the platform's functions.
+#![allow(clippy::disallowed_methods)]
+
 use flexor::model::{ArmParameters, Elbow};
 use flexor_sim::planner::path::{LinePath, Profile};
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};

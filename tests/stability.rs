@@ -1,5 +1,8 @@
 //! The stability analysis against the nonlinear plant and the paper's figures.
 
+// Tests may compare with the platform's functions.
+#![allow(clippy::disallowed_methods)]
+
 use flexor::control::{Controller, ForceProjection, LawParameters, LimitParameters};
 use flexor::model::{ArmParameters, Elbow};
 use flexor::table::Table;
@@ -229,7 +232,7 @@ fn standing(x: f64) -> Task {
 
 /// Whether a nonlinear simulation of `law`, knocked at its start, grows within `duration`
 /// s: the force error's envelope in the last quarter against that in the second. The
-/// sliding neither grows nor decays.
+/// tangential mode neither grows nor decays.
 fn grows(plan: &Plan, image: &[u8], law: &LawParameters, duration: f64) -> bool {
     let limits = LimitParameters {
         torque_nm: [1e3; 2],
@@ -294,12 +297,12 @@ fn rays() -> Vec<LawParameters> {
 /// The factor on `law`'s gains at which the predicted loop becomes unstable.
 fn predicted_edge(plan: &Plan, law: &LawParameters) -> f64 {
     let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
-    let spots = path::spots(plan, &variant, &path::times(plan, 2)).unwrap();
+    let frozen_points = path::frozen_points(plan, &variant, &path::times(plan, 2)).unwrap();
     let stable = |factor: f64| {
         let law = with_gains_times(law, factor);
-        spots
+        frozen_points
             .iter()
-            .all(|spot| spot.verdict(plan, &law, 0.0).is_stable())
+            .all(|frozen| frozen.verdict(plan, &law, 0.0).is_stable())
     };
     let mut edge = 1e-4;
     assert!(stable(edge), "{law:?}");
@@ -332,10 +335,10 @@ fn compare_edges(tick_rate_hz: u32) {
         let edge = predicted_edge(&plan, ray);
         let beyond = with_gains_times(ray, 1.05 * edge);
         let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
-        let spots = path::spots(&plan, &variant, &[0.0]).unwrap();
-        let verdict = spots[0].verdict(&plan, &beyond, 0.0);
+        let frozen_points = path::frozen_points(&plan, &variant, &[0.0]).unwrap();
+        let verdict = frozen_points[0].verdict(&plan, &beyond, 0.0);
         let growth = verdict.radius.ln() * f64::from(tick_rate_hz);
-        // Long enough to see the predicted growth, and some periods of the sliding.
+        // Long enough to see the predicted growth, and some periods of the tangential mode.
         let duration = (10.0 / growth).clamp(8.0, 200.0);
         for (factor, unstable) in [(0.95, false), (1.05, true)] {
             let law = with_gains_times(ray, factor * edge);
@@ -524,13 +527,13 @@ fn margins_are_where_the_loop_becomes_unstable() {
     let plan = paper_plan(5000);
     let law = default_law();
     let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
-    let spots = path::spots(&plan, &variant, &[0.0, 1.0, 1.9]).unwrap();
-    for spot in spots {
-        let gain = spot.gain_margin_db(&plan, &law, 2.5, path::GAIN_MARGIN_MAX_DB);
-        let delay = spot.delay_margin_ticks(&plan, &law, path::DELAY_MARGIN_MAX_TICKS);
+    let frozen_points = path::frozen_points(&plan, &variant, &[0.0, 1.0, 1.9]).unwrap();
+    for frozen in frozen_points {
+        let gain = frozen.gain_margin_db(&plan, &law, 2.5, path::GAIN_MARGIN_MAX_DB);
+        let delay = frozen.delay_margin_ticks(&plan, &law, path::DELAY_MARGIN_MAX_TICKS);
         let stable = |db: f64, delay: f64| {
             let law = with_gains_times(&law, 10f64.powf(db / 20.0));
-            spot.verdict(&plan, &law, delay).is_stable()
+            frozen.verdict(&plan, &law, delay).is_stable()
         };
         assert!(
             stable(gain - 0.02, 0.0) && !stable(gain + 0.02, 0.0),
@@ -594,7 +597,7 @@ fn gains_that_no_controller_has_are_refused_by_name() {
 }
 
 #[test]
-fn the_printed_linearisation_misses_the_sliding() {
+fn the_printed_linearisation_misses_the_tangential_mode() {
     let plan = paper_plan(5000);
     let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
     let point = OperatingPoint::new(&plan, &mut plan.sampler(), &variant, 0.0).unwrap();
@@ -615,7 +618,7 @@ fn the_printed_linearisation_misses_the_sliding() {
         let singular = pencil.svd(false, false).singular_values;
         assert!(singular.min() < 1e-6 * singular.max(), "{pole}");
     }
-    // No pair near the sliding of the whole arm.
+    // No pair near the tangential mode of the whole arm.
     assert!(
         poles.iter().all(|p| (p - exact[0]).norm() > 1.0),
         "{poles:?}"

@@ -19,6 +19,9 @@
 //! `cli` can each be left out with what they need; `files` writes results with `export`, and
 //! the analysis of stability is there with `stability`, which those who need them switch on.
 
+// Tests may compare with the platform's functions.
+#![cfg_attr(test, allow(clippy::disallowed_methods))]
+
 pub mod analysis;
 #[cfg(feature = "cli")]
 pub mod cli;

@@ -74,7 +74,7 @@ pub(super) fn gains(folder: &Path, content: &GainsContent<'_>) -> Result<String,
     let variant = PlantVariant::new(&plan.model.arm, plan.tick_rate_hz, content.plant, 0.0)
         .map_err(StabilityError::from)?;
     let start = plan.time(0);
-    let spots = path::spots(plan, &variant, &[start])?;
+    let frozen_points = path::frozen_points(plan, &variant, &[start])?;
     let map = map::map(plan, &variant, content.law, content.map_of)?;
     let mut spread: Vec<&Summary> = report.spread.iter().collect();
     spread.sort_by(|a, b| b.spectral_radius_max.total_cmp(&a.spectral_radius_max));
@@ -85,7 +85,7 @@ pub(super) fn gains(folder: &Path, content: &GainsContent<'_>) -> Result<String,
         plants: &plants,
         gains: report::Gains {
             points: &report.points,
-            spots: &spots,
+            frozen_points: &frozen_points,
             map: &map,
             times: [start, plan.time(plan.ticks)],
         },

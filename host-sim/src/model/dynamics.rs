@@ -31,24 +31,12 @@ use flexor::model::JointMotion;
 use flexor::number::Real;
 use nalgebra::{DMatrix, DVector};
 
-/// Scalar product of constants with variables.
-pub(super) fn weigh<T: Real>(constants: &[f64], variables: &[T]) -> T {
-    constants
-        .iter()
-        .zip(variables)
-        .fold(T::ZERO, |sum, (c, v)| sum + T::from_f64(*c) * *v)
-}
-
-/// Scalar product of variables.
-fn product<T: Real>(a: &[T], b: &[T]) -> T {
-    a.iter().zip(b).fold(T::ZERO, |sum, (a, b)| sum + *a * *b)
-}
-
 /// `a.m b` with the translating mass: unit modal mass less root and tip inertia.
 pub(super) fn translating<T: Real>(model: &ArmModel, a: &[T], b: &[T]) -> T {
-    let mut sum = product(a, b);
+    let pairs = a.iter().zip(b);
+    let mut sum = pairs.fold(T::ZERO, |sum, (a, b)| sum + *a * *b);
     for (inertia, slope) in end_inertias(model) {
-        sum -= T::from_f64(inertia) * weigh(slope, a) * weigh(slope, b);
+        sum -= T::from_f64(inertia) * dot(slope, a) * dot(slope, b);
     }
     sum
 }
@@ -96,12 +84,12 @@ pub fn inverse<T: Real>(model: &ArmModel, motion: &Motion<'_, T>, force: [T; 2])
 
     let a_n = r1 * (acceleration1 * c + rate1 * rate1 * s);
     let a_e = r1 * (acceleration1 * s - rate1 * rate1 * c);
-    let bq = weigh(&model.first_moment, motion.q);
-    let bq_rate = weigh(&model.first_moment, motion.q_rate);
-    let bq_acceleration = weigh(&model.first_moment, motion.q_acceleration);
+    let bq = dot(&model.first_moment, motion.q);
+    let bq_rate = dot(&model.first_moment, motion.q_rate);
+    let bq_acceleration = dot(&model.first_moment, motion.q_acceleration);
 
     let tau2 = c64(model.link2_inertia) * acceleration2
-        + weigh(&model.second_moment, motion.q_acceleration)
+        + dot(&model.second_moment, motion.q_acceleration)
         + s2 * (a_n - configuration.g_n)
         + two * translating(model, motion.q, motion.q_rate) * rate2
         + translating(model, motion.q, motion.q) * acceleration2

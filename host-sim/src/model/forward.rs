@@ -3,7 +3,7 @@
 
 use crate::model::arm_model::{ArmModel, dot};
 use crate::model::configuration::{Configuration, State, Surface};
-use crate::model::dynamics::{end_inertias, translating, weigh};
+use crate::model::dynamics::{end_inertias, translating};
 use flexor::number::Real;
 use nalgebra::DMatrix;
 
@@ -144,7 +144,7 @@ fn free<T: Real>(
             + c64(model.root_slope[i]) * tau2;
     }
     for (inertia, slope) in end_inertias(model) {
-        let turned = squared * c64(inertia) * weigh(slope, q);
+        let turned = squared * c64(inertia) * dot(slope, q);
         for (a, l) in q_acceleration.iter_mut().zip(slope) {
             *a -= turned * c64(*l);
         }
@@ -200,21 +200,21 @@ fn joints_and_contact<T: Real>(
     let mut p_column1 = r1 * c * c64(dot(b, p));
     let (mut b_column_f, mut p_column_f) = (T::ZERO, T::ZERO);
     if let Some(Workspace { axial, tip, .. }) = geometric {
-        b_column1 -= r1 * s * weigh(b, axial);
-        p_column1 -= r1 * s * weigh(p, axial);
-        b_column_f = -(configuration.along_e2(normal) * weigh(b, tip));
-        p_column_f = -(configuration.along_e2(normal) * weigh(p, tip));
+        b_column1 -= r1 * s * dot(b, axial);
+        p_column1 -= r1 * s * dot(p, axial);
+        b_column_f = -(configuration.along_e2(normal) * dot(b, tip));
+        p_column_f = -(configuration.along_e2(normal) * dot(p, tip));
     }
     let (q, q_rate, rate2) = (state.q(), state.q_rate(), state.rate()[1]);
-    let bq = weigh(b, q);
+    let bq = dot(b, q);
     let two = c64(2.0);
     let s2 = c64(model.link2_moment);
     let coupling = r1 * (s2 * c - bq * s);
     let lever = r1 * c;
+    let length = model.arm.link1_length_m;
     let matrix = [
         [
-            c64(model.link1_inertia + model.link2_mass * model.arm.link1_length_m.powi(2))
-                - lever * b_column1,
+            c64(model.link1_inertia + model.link2_mass * (length * length)) - lever * b_column1,
             coupling - lever * c64(dot(b, p)),
             r1 * configuration.along_n1(normal) - lever * b_column_f,
         ],
@@ -231,14 +231,14 @@ fn joints_and_contact<T: Real>(
     ];
     let [tau1, tau2] = torque;
     let right = [
-        r1 * (c * bq * squared + s * (s2 * squared + two * weigh(b, q_rate) * rate2))
+        r1 * (c * bq * squared + s * (s2 * squared + two * dot(b, q_rate) * rate2))
             + c64(model.joint1_moment) * configuration.g_n1
             + tau1
             - tau2
-            - lever * weigh(b, free),
+            - lever * dot(b, free),
         s2 * instant.across() - bq * instant.specific() + tau2
             - two * translating(model, q, q_rate) * rate2
-            - weigh(p, free),
+            - dot(p, free),
         centripetal * (normal[0] * configuration.e1[0] + normal[1] * configuration.e1[1])
             + r2 * squared * configuration.along_e2(normal),
     ];

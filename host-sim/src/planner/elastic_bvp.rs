@@ -118,8 +118,8 @@ pub(super) fn first_mesh(span: [f64; 2], duration: f64, resolution: f64) -> Vec<
         };
         let step = (piece[1] - piece[0]) / count as f64;
         let finest = 10.0 * resolution;
-        let shares = (1..)
-            .map(|k| RATIO.powi(-k))
+        let shares = core::iter::successors(Some(RATIO), |power| Some(power * RATIO))
+            .map(|power| 1.0 / power)
             .take_while(|share| share * step > finest);
         let shares: Vec<f64> = shares.collect();
         mesh.push(piece[0]);

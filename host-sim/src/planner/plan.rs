@@ -113,8 +113,8 @@ impl Branch {
     fn of(path: &LinePath) -> Self {
         let ([x0, y0], [x1, y1]) = (path.from, path.to);
         let crosses = (y0 < 0.0) != (y1 < 0.0) && x0 * y1 - x1 * y0 != 0.0 && {
-            let share = y0 / (y0 - y1);
-            x0 + share * (x1 - x0) < 0.0
+            let crossing = y0 / (y0 - y1);
+            x0 + crossing * (x1 - x0) < 0.0
         };
         let turn = core::f64::consts::TAU;
         match (crosses, y0 < 0.0) {
@@ -137,8 +137,8 @@ impl Branch {
 /// Refuses paths that the arm cannot follow; a straight line is worst at its ends and
 /// where it is nearest to joint 1.
 fn check_path(model: &ArmModel, path: &LinePath) -> Result<(), PlanError> {
-    for share in [0.0, path.nearest_share(), 1.0] {
-        angles_at(model, path, share)?;
+    for progress in [0.0, path.nearest_progress(), 1.0] {
+        angles_at(model, path, progress)?;
     }
     Ok(())
 }
@@ -255,10 +255,10 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
     Ok(plan)
 }
 
-/// The joint angles, rad, at the given share of the way.
-fn angles_at(model: &ArmModel, path: &LinePath, share: f64) -> Result<[f64; 2], PlanError> {
-    let point_m = [0, 1].map(|i| path.from[i] + share * (path.to[i] - path.from[i]));
-    let t_s = path.time_of_share(share);
+/// The joint angles, rad, at the given progress along the path, 0 to 1.
+fn angles_at(model: &ArmModel, path: &LinePath, progress: f64) -> Result<[f64; 2], PlanError> {
+    let point_m = [0, 1].map(|i| path.from[i] + progress * (path.to[i] - path.from[i]));
+    let t_s = path.time_at_progress(progress);
     let angles = model.kinematics.inverse(point_m, model.arm.elbow);
     angles.map_err(|source| PlanError::Path {
         t_s,
@@ -353,7 +353,7 @@ impl Plan {
 
     /// Direction of the surface normal, rad from a1 towards a2.
     pub fn normal_angle(&self) -> f64 {
-        self.surface.normal[1].atan2(self.surface.normal[0])
+        libm::atan2(self.surface.normal[1], self.surface.normal[0])
     }
 
     /// Nodal deflections and slopes at a tick (m, rad).

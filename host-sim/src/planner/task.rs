@@ -165,7 +165,7 @@ impl Task {
             Window::Auto { tolerance } => {
                 let [growing, decaying] = slowest_zeros(model, angle, force);
                 let rate_per_s = if before { growing } else { -decaying };
-                let seconds = -tolerance.ln() / rate_per_s;
+                let seconds = -libm::log(tolerance) / rate_per_s;
                 // A minute of waiting is no plan; infinite where no zero has that sign.
                 if rate_per_s.is_finite() && seconds <= 60.0 {
                     Ok(seconds)
@@ -198,7 +198,7 @@ pub(super) fn surface(task: &Task) -> Result<Surface, PlanError> {
     let side = match task.direction {
         Some(direction) => {
             let side = component(direction);
-            if side.abs() < 1e-6 * direction[0].hypot(direction[1]) || side == 0.0 {
+            if side.abs() < 1e-6 * libm::hypot(direction[0], direction[1]) || side == 0.0 {
                 return Err(PlanError::Direction(direction));
             }
             side

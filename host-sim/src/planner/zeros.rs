@@ -70,6 +70,6 @@ pub(super) fn fastest_zero(
     }
     Ok(zeros
         .iter()
-        .map(|zero| zero.re.hypot(zero.im))
+        .map(|zero| libm::hypot(zero.re, zero.im))
         .fold(1.0, f64::max))
 }

@@ -84,11 +84,7 @@ pub fn derivative<T: Real>(
     let n = model.dof();
     let view = State(state);
     let [rate1, rate2] = view.rate();
-    let root_rate = view
-        .q_rate()
-        .iter()
-        .zip(&model.root_slope)
-        .fold(T::ZERO, |sum, (v, e)| sum + T::from_f64(*e) * *v);
+    let root_rate = dot(&model.root_slope, view.q_rate());
     let lost = friction(parameters, [rate1, rate2 + root_rate - rate1]);
     let drive = Actuation {
         torque: [torque[0] - lost[0], torque[1] - lost[1]],
@@ -122,6 +118,32 @@ pub struct Reading {
 }
 
 /// The simulated arm.
+///
+/// At rest under the torques that hold it, it stays so:
+///
+/// ```
+/// use flexor_sim::files::config::{self, DEFAULT_ARM};
+/// use flexor_sim::model::configuration::Surface;
+/// use flexor_sim::model::dynamics::equilibrium;
+/// use flexor_sim::plant::{Plant, PlantParameters, resting_state};
+///
+/// let arm = config::parse_arm("arm.toml", DEFAULT_ARM)?.arm;
+/// let parameters = PlantParameters::default();
+/// let model = parameters.model(&arm)?;
+/// // The tip at (0.6, 0.05) m presses with 2 N on a surface below it; a2 points down.
+/// let surface = Surface { normal: [0.0, 1.0], offset_m: 0.05 };
+/// let angle = model.kinematics.inverse([0.6, 0.05], arm.elbow).expect("in reach");
+/// let force = surface.normal.map(|n| 2.0 * n);
+/// let (_, torque) = equilibrium(&model, angle, force, false).expect("it does not buckle");
+///
+/// let state = resting_state(&model, &parameters, angle, force)?;
+/// let mut plant = Plant::new(model, &parameters, surface, 1.0 / 5000.0, state)?;
+/// for _ in 0..500 {
+///     plant.advance(torque);
+/// }
+/// assert!((plant.read(torque).force - 2.0).abs() < 1e-8);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Plant {
     model: ArmModel,
@@ -224,8 +246,8 @@ impl Plant {
         self.project();
     }
 
-    /// What can be seen, with the drives giving `torque` (N m): the contact force
-    /// follows the torque at once.
+    /// Outputs y(x, u) of the present state with `torque` (N m) on the joints: the contact
+    /// force depends on the present torque (direct feed-through).
     pub fn read(&mut self, torque: [f64; 2]) -> Reading {
         let force = derivative(
             &self.model,
@@ -269,12 +291,12 @@ impl Plant {
         for _ in 0..self.substeps {
             let t = self.steps as f64 * h;
             self.integrator
-                .step(&mut self.state, h, |share, state, slope| {
+                .step(&mut self.state, h, |fraction, state, slope| {
                     derivative(
                         &self.model,
                         &self.parameters,
                         &self.surface,
-                        torque(t + share * h),
+                        torque(t + fraction * h),
                         state,
                         slope,
                         &mut self.workspace,
@@ -291,8 +313,8 @@ impl Plant {
         let normal = self.surface.normal;
         // The step's error is far below 1e-7 m, and Newton squares it.
         for _ in 0..2 {
-            let (s1, c1) = (self.state[0].sin(), self.state[0].cos());
-            let (s2, c2) = (self.state[1].sin(), self.state[1].cos());
+            let (s1, c1) = libm::sincos(self.state[0]);
+            let (s2, c2) = libm::sincos(self.state[1]);
             let gradient = [
                 r1 * (normal[1] * c1 - normal[0] * s1),
                 r2 * (normal[1] * c2 - normal[0] * s2),
@@ -313,7 +335,7 @@ impl Plant {
 }
 
 /// Upper bound on the angular frequencies, rad/s, of the arm at `angle` with its tip
-/// on `surface`: eliminating the sliding motion leaves the modes with a reduced mass
+/// on `surface`: eliminating the motion along it leaves the modes with a reduced mass
 /// `1 - h h' / m`, whose stiffness is at most `omega_max^2 + |omega h|^2 / (m - h.h)`.
 fn highest_frequency(model: &ArmModel, surface: &Surface, angle: [f64; 2]) -> f64 {
     let configuration = Configuration::new(model, angle);

@@ -65,7 +65,7 @@ pub(super) fn figures(cases: &[Case]) -> Result<Vec<Figure>, ReportError> {
 mod tests {
     use super::arm::POSTURES;
     use super::*;
-    use crate::model::arm_model::outline;
+    use crate::model::arm_model::deflection_matrix;
     use crate::report::testing::short_run;
     use crate::simulation::closed_loop::{LogRow, Run};
 
@@ -239,11 +239,12 @@ mod tests {
         let (plan, _) = short_run();
         let model = &plan.model;
         let q: Vec<f64> = (0..model.dof()).map(|i| 0.01 / (1.0 + i as f64)).collect();
-        let shape = outline(&model.arm, model.elements, 7).unwrap() * model.deflection(&q);
+        let shape =
+            deflection_matrix(&model.arm, model.elements, 7).unwrap() * model.deflection(&q);
         for i in 0..=7 {
             let rho = model.arm.link2_length_m * i as f64 / 7.0;
             assert!((shape[i] - model.deflection_at(&q, rho)[0]).abs() < 1e-14);
         }
-        assert!(outline(&model.arm, 0, 7).is_none());
+        assert!(deflection_matrix(&model.arm, 0, 7).is_none());
     }
 }

@@ -5,7 +5,7 @@ use super::figures::gains::{self, Gains};
 use super::figures::{POINTS_MAX, decimate, figures, force_axis, number};
 use super::{Case, ReportError, page};
 use crate::analysis::stability::path::Summary;
-use crate::model::arm_model::outline;
+use crate::model::arm_model::deflection_matrix;
 use crate::simulation::closed_loop::SHAPE_STRIDE;
 use minijinja::{Value, context};
 use nalgebra::DVector;
@@ -75,7 +75,7 @@ impl Motion {
     fn new(case: &Case) -> Self {
         let (plan, run) = (case.plan, case.run);
         let arm = &plan.model.arm;
-        let shape = outline(arm, run.elements, INTERVALS);
+        let shape = deflection_matrix(arm, run.elements, INTERVALS);
         let frames: Vec<usize> = {
             let all = run
                 .shapes

@@ -4,6 +4,9 @@
 //! Glossary: a *case* is a controller with its start, e.g. `feedforward`; a *plant* is
 //! the simulated arm it ran on, e.g. `stiffness_x0.9`.
 
+// Coordinates of drawings and decimals of words decide nothing.
+#![allow(clippy::disallowed_methods)]
+
 mod accuracy;
 mod figures;
 mod html;

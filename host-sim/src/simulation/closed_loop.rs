@@ -42,8 +42,8 @@ impl LogRow {
 
     /// Distance of the tip from where it should be, m.
     pub fn tip_error(&self) -> f64 {
-        (self.reading.tip[0] - self.tip_reference[0])
-            .hypot(self.reading.tip[1] - self.tip_reference[1])
+        let off = [0, 1].map(|i| self.reading.tip[i] - self.tip_reference[i]);
+        libm::hypot(off[0], off[1])
     }
 }
 
@@ -376,11 +376,11 @@ impl RunLog {
 /// False once the state is undefined, or the arm stretches or folds so far that its
 /// equations become singular.
 fn in_reach(reading: &Reading, plan: &Plan) -> bool {
-    let elbow = (reading.angle[1] - reading.angle[0]).sin().abs();
-    let planned = (plan.points[0].joint.angle[1] - plan.points[0].joint.angle[0]).sin();
-    let same_side = (reading.angle[1] - reading.angle[0]).sin() * planned > 0.0;
+    let elbow = |angle: [f64; 2]| libm::sin(angle[1] - angle[0]);
+    let own = elbow(reading.angle);
+    let same_side = own * elbow(plan.points[0].joint.angle) > 0.0;
     // The slide's Jacobian loses its rank at the stretched arm.
-    elbow > 1e-3
+    own.abs() > 1e-3
         && same_side
         && reading.force.is_finite()
         && reading.root_slope.abs() < core::f64::consts::PI
@@ -390,7 +390,7 @@ fn in_reach(reading: &Reading, plan: &Plan) -> bool {
 fn summarise(rows: &[LogRow], outcome: impl Fn(&Summary) -> Outcome) -> Summary {
     let largest = |f: &dyn Fn(&LogRow) -> f64| rows.iter().map(f).fold(0.0, f64::max);
     let rms = |f: &dyn Fn(&LogRow) -> f64| {
-        (rows.iter().map(|r| f(r).powi(2)).sum::<f64>() / rows.len().max(1) as f64).sqrt()
+        (rows.iter().map(|r| f(r) * f(r)).sum::<f64>() / rows.len().max(1) as f64).sqrt()
     };
     let mut summary = Summary {
         force_error_rms: rms(&LogRow::force_error),

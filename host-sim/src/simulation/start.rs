@@ -28,7 +28,7 @@ pub fn plant_for(
     let model = parameters.model(&plan.model.arm)?;
     let mut sampler = plan.sampler();
     let angle = sampler.at(plan.time(0)).joint.angle;
-    let taken = |q: &[f64]| model.adopt(&plan.model, q);
+    let taken = |q: &[f64]| model.project_shape_from(&plan.model, q);
     let state = match start {
         Start::PlanMoving => state_of(angle, &taken(sampler.q()), &taken(sampler.q_rate())),
         Start::PlanAtRest => state_of(angle, &taken(sampler.q()), &vec![0.0; model.dof()]),

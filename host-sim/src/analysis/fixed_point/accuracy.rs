@@ -185,12 +185,15 @@ fn compare(number: &'static str, reference: &Run, run: &Run) -> Accuracy {
         .map(|(a, b)| (a.t, [0, 1].map(|joint| b.torque[joint] - a.torque[joint])))
         .collect();
     let mean_square = |joint: usize| {
-        let sum: f64 = trace.iter().map(|(_, error)| error[joint].powi(2)).sum();
+        let sum: f64 = trace
+            .iter()
+            .map(|(_, error)| error[joint] * error[joint])
+            .sum();
         sum / trace.len().max(1) as f64
     };
     let bits = [0, 1].map(|joint| {
         let range = 2.0 * reference.summary.torque_max[joint];
-        (range / (12.0 * mean_square(joint)).sqrt()).log2()
+        libm::log2(range / (12.0 * mean_square(joint)).sqrt())
     });
     let mut errors = Tally::default();
     for (_, error) in &trace {
@@ -280,7 +283,7 @@ pub fn random_measurements(range: &Measurement<f64>) -> impl Iterator<Item = Mea
     const ROOT: f64 = 1.134_724_138_401_519_4;
     let range = *range;
     (1_u32..).map(move |i| {
-        let fraction = |k: i32| (f64::from(i) * ROOT.powi(-k)).fract();
+        let fraction = |k: i32| (f64::from(i) * libm::pow(ROOT, f64::from(-k))).fract();
         let value = |k: i32, range: f64| match (fraction(k) * 16.0) as u32 {
             0 => -range,
             15 => range,

@@ -8,8 +8,9 @@
 //! can be measured; run with [`Dual`] numbers they give the derivatives as well, exactly.
 
 use super::StabilityError;
+use super::complex::norm;
 use super::dual::Dual;
-use crate::model::arm_model::ArmModel;
+use crate::model::arm_model::{ArmModel, dot};
 use crate::model::configuration::Surface;
 use crate::model::dynamics;
 use crate::model::forward::Workspace;
@@ -66,7 +67,7 @@ impl OperatingPoint {
     ) -> Result<Self, StabilityError> {
         let (model, planned) = (&variant.model, &plan.model);
         let point = sampler.at(t);
-        let (sine, cosine) = variant.contact_angle_rad.sin_cos();
+        let (sine, cosine) = libm::sincos(variant.contact_angle_rad);
         let turn = |v: [f64; 2]| [cosine * v[0] - sine * v[1], sine * v[0] + cosine * v[1]];
         let path = &plan.task.path;
         let length = path.length();
@@ -78,7 +79,7 @@ impl OperatingPoint {
             offset_m: normal[0] * tip[0] + normal[1] * tip[1],
         };
 
-        let mut q = model.adopt(planned, sampler.q());
+        let mut q = model.project_shape_from(planned, sampler.q());
         let mut torque = point.torque;
         let angle = point.joint.angle;
         let rest = |model: &ArmModel, force, geometric| {
@@ -89,9 +90,9 @@ impl OperatingPoint {
         let geometric = variant.parameters.geometric_stiffness;
         let own = rest(model, normal.map(|n| n * plan.task.normal_force), geometric)?;
         let theirs = rest(planned, plan.force(), false)?;
-        let adopted = model.adopt(planned, &theirs.0);
+        let projected = model.project_shape_from(planned, &theirs.0);
         for i in 0..q.len() {
-            q[i] += own.0[i] - adopted[i];
+            q[i] += own.0[i] - projected[i];
         }
         for joint in 0..2 {
             torque[joint] += own.1[joint] - theirs.1[joint];
@@ -102,7 +103,7 @@ impl OperatingPoint {
         state.extend(q);
         let velocity = point.tip.velocity;
         state.push(along[0] * velocity[0] + along[1] * velocity[1]);
-        state.extend(model.adopt(planned, sampler.q_rate()));
+        state.extend(model.project_shape_from(planned, sampler.q_rate()));
         Ok(Self {
             t,
             surface,
@@ -168,11 +169,7 @@ pub fn derivative<T: Real>(
     });
     rate[m + 1..].copy_from_slice(&slope[4 + n..]);
 
-    let at_root = |q: &[T]| {
-        q.iter()
-            .zip(&model.root_slope)
-            .fold(T::ZERO, |sum, (q, e)| sum + T::from_f64(*e) * *q)
-    };
+    let at_root = |q: &[T]| dot(&model.root_slope, q);
     let mut output = [T::ZERO; OUTPUTS];
     output[FORCE] = force;
     output[SLOPE_RATE] = at_root(&y[m + 1..]);
@@ -298,7 +295,7 @@ impl Linear {
 /// Slowest first; a pair's positive frequency first.
 pub(super) fn sort(poles: &mut [Complex<f64>]) {
     poles.sort_by(|a, b| {
-        let key = |p: &Complex<f64>| (p.norm() * 1e9).round();
+        let key = |p: &Complex<f64>| (norm(*p) * 1e9).round();
         key(a).total_cmp(&key(b)).then(b.im.total_cmp(&a.im))
     });
 }

@@ -9,13 +9,14 @@
 //! in [`printed`]. `docs/gains.md` has the findings.
 //!
 //! Glossary: *frozen* means linearised at a point of the motion, as if the motion stayed
-//! there; the *sliding* is the tip's motion along the surface, a pair of poles that
+//! there; the *tangential mode* is the tip's motion along the surface, a pair of poles that
 //! eq. 18-20 do not control; the *contact mode* is the link's slowest vibration with the
 //! tip on the surface; *radius* is the largest magnitude of an eigenvalue from tick to
 //! tick, below 1 for a stable loop; a *variant* is a plant that differs from the planned
 //! arm, a *spread* a set of them.
 
 pub mod advice;
+mod complex;
 pub mod dual;
 pub mod linear;
 pub mod map;

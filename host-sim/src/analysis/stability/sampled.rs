@@ -360,8 +360,8 @@ fn exp(matrix: DMatrix<f64>) -> DMatrix<f64> {
         .column_iter()
         .map(|column| column.iter().map(|x| x.abs()).sum())
         .fold(0.0, f64::max);
-    let halvings = (norm / 0.5).log2().ceil().max(0.0);
-    let first = matrix * (-halvings).exp2();
+    let halvings = libm::log2(norm / 0.5).ceil().max(0.0);
+    let first = matrix * libm::exp2(-halvings);
     let second = &first * &first;
     let third = &second * &first;
     let fourth = &second * &second;

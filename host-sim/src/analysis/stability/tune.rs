@@ -32,6 +32,7 @@ use crate::plant::PlantParameters;
 use crate::plant::spread::{PlantVariant, Spread};
 use argmin::core::{CostFunction, Executor};
 use argmin::solver::particleswarm::ParticleSwarm;
+use core::f64::consts::LN_2;
 use flexor::control::LawParameters;
 use nalgebra::DMatrix;
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -264,19 +265,19 @@ fn mismatch(
         Ok::<_, StabilityError>((rate, output))
     };
     let (model, from) = (&variant.model, &planned.model);
-    let adopt = |planned: &[f64]| {
+    let project = |planned: &[f64]| {
         let m = planned.len() / 2;
-        let mut adopted = vec![planned[0]];
-        adopted.extend(model.adopt(from, &planned[1..m]));
-        adopted.push(planned[m]);
-        adopted.extend(model.adopt(from, &planned[m + 1..]));
-        adopted
+        let mut projected = vec![planned[0]];
+        projected.extend(model.project_shape_from(from, &planned[1..m]));
+        projected.push(planned[m]);
+        projected.extend(model.project_shape_from(from, &planned[m + 1..]));
+        projected
     };
     let (rate, output) = evaluate(planned, &point.state)?;
-    let (own_rate, own_output) = evaluate(variant, &adopt(&point.state))?;
+    let (own_rate, own_output) = evaluate(variant, &project(&point.state))?;
     let left = own_rate
         .iter()
-        .zip(adopt(&rate))
+        .zip(project(&rate))
         .map(|(own, planned)| own - planned)
         .collect();
     let difference = [FORCE, SLOPE_RATE].map(|i| own_output[i] - output[i]);
@@ -293,8 +294,8 @@ fn starts(plan: &Plan, variant: &PlantVariant) -> Result<[Vec<f64>; 2], Stabilit
     let geometric = variant.parameters.geometric_stiffness;
     let (rest, _) = dynamics::equilibrium(model, point.joint.angle, plan.force(), geometric)
         .ok_or(StabilityError::Buckled { t_s: t })?;
-    let q = model.adopt(&plan.model, sampler.q());
-    let rate = model.adopt(&plan.model, sampler.q_rate());
+    let q = model.project_shape_from(&plan.model, sampler.q());
+    let rate = model.project_shape_from(&plan.model, sampler.q_rate());
     let (n, m) = (q.len(), 1 + q.len());
     let mut still = vec![0.0; 2 * m];
     for i in 0..n {
@@ -307,9 +308,9 @@ fn starts(plan: &Plan, variant: &PlantVariant) -> Result<[Vec<f64>; 2], Stabilit
     Ok([own, still])
 }
 
-/// Spots of the path with the conditions that a loop must meet there.
+/// Points of the path with the conditions that a loop must meet there.
 struct Condition {
-    spots: Vec<FrozenPoint>,
+    frozen_points: Vec<FrozenPoint>,
     /// Factors on the gains and delays, ticks.
     at: Vec<(f64, f64)>,
 }
@@ -355,8 +356,8 @@ impl Bounds {
             ),
         ];
         Self {
-            low: ranges.iter().map(|(low, _)| low.ln()).collect(),
-            high: ranges.iter().map(|(_, high)| high.ln()).collect(),
+            low: ranges.iter().map(|(low, _)| libm::log(*low)).collect(),
+            high: ranges.iter().map(|(_, high)| libm::log(*high)).collect(),
         }
     }
 
@@ -367,7 +368,7 @@ impl Bounds {
             if i < 4 && share < LEAST {
                 0.0
             } else {
-                two_digits(place[i].exp())
+                two_digits(libm::exp(place[i]))
             }
         };
         LawParameters {
@@ -394,11 +395,12 @@ impl Search<'_> {
     fn violation(&self, law: &LawParameters) -> Option<f64> {
         for condition in &self.conditions {
             let mut worst: Option<f64> = None;
-            for spot in &condition.spots {
+            for frozen in &condition.frozen_points {
                 for (factor, delay) in &condition.at {
-                    let verdict = spot.verdict(self.plan, &with_gains_times(law, *factor), *delay);
+                    let verdict =
+                        frozen.verdict(self.plan, &with_gains_times(law, *factor), *delay);
                     if !verdict.is_stable() {
-                        let growth = verdict.radius.ln() / spot.sampled.period;
+                        let growth = libm::log(verdict.radius) / frozen.sampled.period;
                         let growth = if growth.is_finite() { growth } else { 1e6 };
                         worst = Some(worst.map_or(growth, |w: f64| w.max(growth)));
                     }
@@ -444,7 +446,8 @@ impl Search<'_> {
                 terms += START_WEIGHTS[start];
             }
             let tip = errors.tip_rms_m[0] / (prediction.open.tip_rms_m[0] + 1e-6);
-            sum += 10.0 * (tip / TIP_LIMIT - 1.0).max(0.0).powi(2);
+            let off = (tip / TIP_LIMIT - 1.0).max(0.0);
+            sum += 10.0 * (off * off);
         }
         let cost = (sum / terms).sqrt();
         if cost.is_finite() { cost } else { 1e9 }
@@ -532,12 +535,12 @@ impl<'a> Search<'a> {
         progress: &'a (dyn Fn() + Sync),
     ) -> Result<Self, StabilityError> {
         // A hair more than asked for, as the conditions are tried at fewer points.
-        let gain = 10f64.powf((options.gain_margin_db + 0.1) / 20.0);
+        let gain = libm::pow(10.0, (options.gain_margin_db + 0.1) / 20.0);
         let delay = options.delay_margin_ticks + 0.02;
         let plants = Plants::new(plan, options)?;
         let condition = |(_, variant): &(String, PlantVariant), points, at: &[(f64, f64)]| {
             Ok::<_, StabilityError>(Condition {
-                spots: path::spots(plan, variant, &path::times(plan, points))?,
+                frozen_points: path::frozen_points(plan, variant, &path::times(plan, points))?,
                 at: at.to_vec(),
             })
         };
@@ -556,7 +559,7 @@ impl<'a> Search<'a> {
             .collect::<Result<Vec<_>, _>>()?;
         let contact = conditions
             .first()
-            .and_then(|c| c.spots.first())
+            .and_then(|c| c.frozen_points.first())
             .map_or(1.0, FrozenPoint::contact_frequency);
         Ok(Self {
             plan,
@@ -573,11 +576,14 @@ impl<'a> Search<'a> {
     fn fly(self) -> Result<(Self, LawParameters), StabilityError> {
         let options = self.options;
         let failed = |error: argmin::core::Error| StabilityError::Optimiser(error.to_string());
-        let swarm = ParticleSwarm::new(
-            (self.bounds.low.clone(), self.bounds.high.clone()),
-            options.particles,
-        )
-        .with_rng_generator(Xoshiro256PlusPlus::seed_from_u64(options.seed));
+        let bounds = (self.bounds.low.clone(), self.bounds.high.clone());
+        // The usual factors, which the library derives from the platform's logarithm.
+        let swarm = ParticleSwarm::new(bounds, options.particles)
+            .with_inertia_factor(1.0 / (2.0 * LN_2))
+            .and_then(|swarm| swarm.with_cognitive_factor(0.5 + LN_2))
+            .and_then(|swarm| swarm.with_social_factor(0.5 + LN_2))
+            .map_err(failed)?
+            .with_rng_generator(Xoshiro256PlusPlus::seed_from_u64(options.seed));
         let result = Executor::new(self, swarm)
             .configure(|state| state.max_iters(options.iterations))
             .ctrlc(false)

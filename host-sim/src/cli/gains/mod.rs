@@ -141,7 +141,7 @@ fn summary_json(summary: &Summary) -> Map<String, Value> {
         ("delay_margin_ticks", json!(summary.delay_margin_ticks)),
         (
             "sliding_growth_max_per_s",
-            json!(summary.sliding_growth_max_per_s),
+            json!(summary.tangential_growth_max_per_s),
         ),
     ])
 }
@@ -201,10 +201,10 @@ fn warnings(
         (&report.nominal, setting.variant()?)
     };
     let mut words = advice(plan, &variant, law, summary, &times)?;
-    let growth = report.nominal.sliding_growth_max_per_s;
+    let growth = report.nominal.tangential_growth_max_per_s;
     if report.nominal.stable && growth > 1.0 {
         words.push(format!(
-            "the tip's sliding along the surface grows at up to {growth:.2} 1/s; no gain of eq. 18-20 controls it"
+            "the tangential mode, the tip's motion along the surface, grows at up to {growth:.2} 1/s; no gain of eq. 18-20 controls it"
         ));
     }
     Ok(words)
@@ -273,7 +273,7 @@ fn report_facts(report: &Report, tick_rate_hz: u32) -> Vec<(String, String)> {
             "margins".to_string(),
             format!(
                 "gains x {:.3} ({:.1} dB), {:.2} ticks of delay; contact mode's damping ratio {:.3}",
-                10f64.powf(nominal.gain_margin_db / 20.0),
+                libm::pow(10.0, nominal.gain_margin_db / 20.0),
                 nominal.gain_margin_db,
                 nominal.delay_margin_ticks,
                 nominal.contact_damping_min

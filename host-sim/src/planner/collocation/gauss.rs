@@ -50,7 +50,7 @@ impl Method {
                     let terms = (0..STAGES).rev();
                     let sum =
                         terms.fold(0.0, |sum, m| sum * x + lagrange[j][m] / divisor(m as f64));
-                    sum * x.powi(order)
+                    sum * if order == 1 { x } else { x * x }
                 })
             })
         };

@@ -11,7 +11,7 @@ pub(super) fn refine(mesh: &[f64], errors: &[f64], resolution: f64) -> Vec<f64> 
     let mut fine = Vec::with_capacity(2 * mesh.len());
     for (interval, error) in mesh.windows(2).zip(errors) {
         // Of order 6 at least; beyond 3 parts the estimate is not trusted.
-        let wanted = (2.0 * error).powf(1.0 / 6.0).ceil();
+        let wanted = libm::pow(2.0 * error, 1.0 / 6.0).ceil();
         let useful = (interval[1] - interval[0]) / resolution;
         let parts = wanted.min(useful.floor()).clamp(1.0, 3.0);
         for part in 0..parts as usize {

@@ -5,7 +5,7 @@ use super::plot::{
     Area, BLUE, Drawn, Figure, INK, LEFT, RIGHT, SOFT, TEXT, TIME_LABELS, VERMILLION, WIDTH, chart,
     draw_axes, line, render, text, text_width, units,
 };
-use crate::model::arm_model::outline;
+use crate::model::arm_model::deflection_matrix;
 use crate::planner::plan::PlanPoint;
 use crate::report::{Case, ReportError};
 use nalgebra::{DMatrix, DVector};
@@ -61,7 +61,7 @@ fn postures(case: &Case) -> Vec<Vec<Point>> {
             .position(reached)
             .map(|i| i + from)
     });
-    let shape = outline(&plan.model.arm, plan.model.elements, OUTLINE_INTERVALS)
+    let shape = deflection_matrix(&plan.model.arm, plan.model.elements, OUTLINE_INTERVALS)
         .unwrap_or_else(|| DMatrix::zeros(OUTLINE_INTERVALS + 1, plan.model.dof()));
     ticks
         .map(|tick| planned_outline(case, &shape, tick))

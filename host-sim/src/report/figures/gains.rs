@@ -22,7 +22,7 @@ pub struct Gains<'a> {
     /// The planned arm's loop along the path.
     pub points: &'a [PathPoint],
     /// The plant at the path's first point, for its poles without feedback.
-    pub spots: &'a [FrozenPoint],
+    pub frozen_points: &'a [FrozenPoint],
     /// Stability over two gains.
     pub map: &'a Map,
     /// Times of the path, s, first and last.
@@ -63,24 +63,24 @@ const HEAD: f64 = 30.0;
 /// Poles of the closed loop along the path.
 fn loci(gains: &Gains<'_>) -> Result<Figure, ReportError> {
     let contact = gains
-        .spots
+        .frozen_points
         .first()
         .map_or(1.0, FrozenPoint::contact_frequency);
-    let open = || gains.spots.iter().flat_map(|spot| &spot.open);
+    let open = || gains.frozen_points.iter().flat_map(|frozen| &frozen.open);
     let broad = open().map(|p| p.re.abs()).fold(contact, f64::max);
     let fast = open().map(|p| p.im).fold(contact, f64::max);
     let everything = || {
         gains
             .points
             .iter()
-            .flat_map(|p| p.verdict.poles.iter().chain(&p.verdict.sliding))
+            .flat_map(|p| p.verdict.poles.iter().chain(&p.verdict.tangential))
     };
     let near = |limits: [f64; 2], f: &dyn Fn(&Complex<f64>) -> f64, floor: f64| {
         Axis::new(everything().map(f).chain([floor]), 0.1 * contact, limits, 6)
     };
     let planes = [
         Plane {
-            heading: "slow poles: sliding, force integrator, contact mode".into(),
+            heading: "slow poles: tangential mode, force integrator, contact mode".into(),
             real: near([-1.6 * contact, 0.6 * contact], &|p| p.re, 0.2 * contact).without_cut(),
             imaginary: near([0.0, 2.2 * contact], &|p| p.im.max(0.0), 1.2 * contact).without_cut(),
         },
@@ -103,7 +103,7 @@ fn loci(gains: &Gains<'_>) -> Result<Figure, ReportError> {
     })?;
     Ok(Figure {
         name: "gains_loci".into(),
-        caption: "Poles of the closed loop along the path, frozen at each point (upper half; the logarithms of the sampled loop's eigenvalues over the period), and without feedback. The sliding pair is not controlled; left of the line is stable."
+        caption: "Poles of the closed loop along the path, frozen at each point (upper half; the logarithms of the sampled loop's eigenvalues over the period), and without feedback. The tangential pair, the tip's motion along the surface, is not controlled; left of the line is stable."
             .into(),
         svg,
     })
@@ -151,9 +151,10 @@ fn draw_plane(area: &Area<'_>, plane: &Plane, gains: &Gains<'_>) -> Drawn {
         vec![(0.0, low), (0.0, high)],
         line(VERMILLION, 1.2),
     )])?;
-    if let Some(spot) = gains.spots.first() {
+    if let Some(frozen) = gains.frozen_points.first() {
         chart.draw_series(
-            spot.open
+            frozen
+                .open
                 .iter()
                 .filter(|p| inside(p))
                 .map(|p| Cross::new((p.re, p.im), units(5.0), line(SOFT, 1.6))),
@@ -162,7 +163,7 @@ fn draw_plane(area: &Area<'_>, plane: &Plane, gains: &Gains<'_>) -> Drawn {
     let last = gains.points.len().max(2) - 1;
     for (i, point) in gains.points.iter().enumerate() {
         let colour = along(i as f64 / last as f64);
-        let poles = point.verdict.poles.iter().chain(&point.verdict.sliding);
+        let poles = point.verdict.poles.iter().chain(&point.verdict.tangential);
         chart.draw_series(
             poles
                 .filter(|p| inside(p))
@@ -327,11 +328,11 @@ fn margin_panels(gains: &Gains<'_>) -> [Panel; 4] {
         panel(
             vec![
                 level("edge of stability", 0.0),
-                curve("slowest pole but the sliding", BLUE, &|p| {
+                curve("slowest pole but the tangential", BLUE, &|p| {
                     p.verdict.worst.re
                 }),
-                curve("sliding", ORANGE, &|p| {
-                    p.verdict.sliding[0].re.max(p.verdict.sliding[1].re)
+                curve("tangential mode", ORANGE, &|p| {
+                    p.verdict.tangential[0].re.max(p.verdict.tangential[1].re)
                 }),
             ],
             "real part (1/s)",
