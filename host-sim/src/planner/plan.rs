@@ -21,7 +21,7 @@ use crate::planner::collocation::Solution;
 use crate::planner::elastic_bvp::{Deflection, first_mesh, largest};
 use crate::planner::path::{LinePath, TipMotion};
 use crate::planner::task::{Equations, PlanError, Task, surface};
-use crate::planner::zeros::fastest_zero;
+use crate::planner::zeros::{fastest_zero, window_length};
 use crate::text::Shortest;
 use flexor::model::{ArmParameters, JointMotion};
 use nalgebra::DVector;
@@ -277,8 +277,8 @@ fn ticks(
     tick_rate_hz: u32,
 ) -> Result<(u32, u32), PlanError> {
     let rate = f64::from(tick_rate_hz);
-    let pre = Task::window(model, task.pre_actuation, ends[0], force, true)?;
-    let post = Task::window(model, task.post_actuation, ends[1], force, false)?;
+    let pre = window_length(model, task.pre_actuation, ends[0], force, true)?;
+    let post = window_length(model, task.post_actuation, ends[1], force, false)?;
     let duration = task.path.duration;
     let refuse = |what, value_s: f64, accepted: String| PlanError::Duration {
         what,

@@ -1,10 +1,9 @@
 //! What the tip shall do, and why there may be no plan for it.
 
-use crate::model::arm_model::{ArmModel, ModelError};
+use crate::model::arm_model::ModelError;
 use crate::model::configuration::Surface;
 use crate::planner::collocation::CollocationError;
 use crate::planner::path::LinePath;
-use crate::planner::zeros::slowest_zeros;
 use crate::text::{Shortest, four_digits};
 use flexor::model::KinematicsError;
 
@@ -148,38 +147,6 @@ pub enum PlanError {
     /// The arm has no model.
     #[error(transparent)]
     Model(#[from] ModelError),
-}
-
-impl Task {
-    /// Length of a window, s, at the joint angles `angle`; `growing` before the motion,
-    /// decaying after it.
-    pub(super) fn window(
-        model: &ArmModel,
-        window: Window,
-        angle: [f64; 2],
-        force: [f64; 2],
-        before: bool,
-    ) -> Result<f64, PlanError> {
-        match window {
-            Window::Fixed(seconds) => Ok(seconds),
-            Window::Auto { tolerance } => {
-                let [growing, decaying] = slowest_zeros(model, angle, force);
-                let rate_per_s = if before { growing } else { -decaying };
-                let seconds = -libm::log(tolerance) / rate_per_s;
-                // A minute of waiting is no plan; infinite where no zero has that sign.
-                if rate_per_s.is_finite() && seconds <= 60.0 {
-                    Ok(seconds)
-                } else {
-                    let what = if before {
-                        "pre_actuation_s"
-                    } else {
-                        "post_actuation_s"
-                    };
-                    Err(PlanError::NoWindow { what, rate_per_s })
-                }
-            }
-        }
-    }
 }
 
 /// Unit normal of the surface along `task`'s path, into which the tip presses.

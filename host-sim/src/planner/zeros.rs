@@ -5,7 +5,7 @@
 use crate::model::arm_model::ArmModel;
 use crate::model::configuration::Configuration;
 use crate::model::dynamics;
-use crate::planner::task::PlanError;
+use crate::planner::task::{PlanError, Window};
 use flexor::model::JointMotion;
 use nalgebra::{Complex, DMatrix};
 
@@ -72,4 +72,37 @@ pub(super) fn fastest_zero(
         .iter()
         .map(|zero| libm::hypot(zero.re, zero.im))
         .fold(1.0, f64::max))
+}
+
+/// Length of a window, s, at the joint angles `angle`; `growing` before the motion,
+/// decaying after it.
+///
+/// # Errors
+/// [`PlanError::NoWindow`] where no zero of that sign decays within a minute.
+pub(super) fn window_length(
+    model: &ArmModel,
+    window: Window,
+    angle: [f64; 2],
+    force: [f64; 2],
+    before: bool,
+) -> Result<f64, PlanError> {
+    match window {
+        Window::Fixed(seconds) => Ok(seconds),
+        Window::Auto { tolerance } => {
+            let [growing, decaying] = slowest_zeros(model, angle, force);
+            let rate_per_s = if before { growing } else { -decaying };
+            let seconds = -libm::log(tolerance) / rate_per_s;
+            // A minute of waiting is no plan; infinite where no zero has that sign.
+            if rate_per_s.is_finite() && seconds <= 60.0 {
+                Ok(seconds)
+            } else {
+                let what = if before {
+                    "pre_actuation_s"
+                } else {
+                    "post_actuation_s"
+                };
+                Err(PlanError::NoWindow { what, rate_per_s })
+            }
+        }
+    }
 }
