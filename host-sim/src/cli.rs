@@ -16,6 +16,7 @@ use crate::accuracy::AccuracyError;
 use crate::closed_loop::{Outcome, Run, RunError};
 use crate::config::{self, ArmConfig, ConfigError};
 use crate::export;
+use crate::knots::EncodeError;
 use crate::message::{Short, enough, near};
 use crate::pil::{self, PilError, PilRun};
 use crate::plan::{PlanError, Task};
@@ -183,8 +184,8 @@ enum CliError {
         value: f64,
         most: f64,
     },
-    #[error("the plan does not fit the table format: {0}")]
-    Encode(TableError),
+    #[error(transparent)]
+    Encode(#[from] EncodeError),
     #[error("the simulation stopped at t = {t_s:.4} s: {}; the results up to there are in {}", outcome.name(), out.display())]
     Stopped {
         t_s: f64,
@@ -235,6 +236,7 @@ impl CliError {
             | Self::NoEffect { .. }
             | Self::Margin { .. }
             | Self::Range(_)
+            | Self::Encode(EncodeError::Inexact { .. })
             | Self::Run(_)
             | Self::Pil(
                 PilError::TickRate { .. }
@@ -254,7 +256,7 @@ impl CliError {
             Self::Stability(_) => 2,
             Self::Unwritable { .. }
             | Self::Report(_)
-            | Self::Encode(_)
+            | Self::Encode(EncodeError::Format(_))
             | Self::Stopped { .. }
             | Self::Pil(_)
             | Self::Differs { .. }
