@@ -89,7 +89,8 @@ fn a_plan_comes_as_csv_table_and_json() {
     let out = folder("plan");
     let result = json(&flexor(&["plan", "--json", "--out", out.to_str().unwrap()]));
     assert!(result["table_bytes"].as_u64().unwrap() <= 16 * 1024);
-    assert!(result["table_torque_error_max_Nm"].as_f64().unwrap() <= 1e-4);
+    assert!(result["table_torque_error_max_Nm"].as_f64().unwrap() <= 1e-5);
+    assert!(result["table_torque_error_share"].as_f64().unwrap() <= 1e-6);
     assert!(result["error_estimate"].as_f64().unwrap() <= 1e-6);
     assert!(result["plan_ms"].as_f64().unwrap() > 0.0);
     let csv = std::fs::read_to_string(out.join("plan.csv")).unwrap();
@@ -103,6 +104,66 @@ fn a_plan_comes_as_csv_table_and_json() {
     assert!(lines.next_back().unwrap().starts_with("2,"));
     let image = std::fs::read(out.join("table.bin")).unwrap();
     assert_eq!(image.len() as u64, result["table_bytes"].as_u64().unwrap());
+}
+
+#[test]
+fn a_table_that_would_command_something_else_is_refused() {
+    // Root inertia, a tip mass and no post-actuation: torques swing between two ticks.
+    let out = folder("table_off");
+    let file = |name: &str, text: &str, changes: &[(&str, &str)]| {
+        let mut text = text.to_string();
+        for (from, to) in changes {
+            assert!(text.contains(from), "no {from:?} in the example");
+            text = text.replacen(from, to, 1);
+        }
+        let file = out.join(name);
+        std::fs::write(&file, text).unwrap();
+        file.to_str().unwrap().to_string()
+    };
+    let arm = file(
+        "arm.toml",
+        ARM,
+        &[
+            ("elements = 3", "elements = 6"),
+            ("damping_ratio = 0.05", "damping_ratio = 0.1"),
+            (
+                "bending_stiffness_Nm2 = 0.48",
+                "bending_stiffness_Nm2 = 8.4",
+            ),
+            ("# root_inertia_kgm2 = 0.0", "root_inertia_kgm2 = 6e-3"),
+            ("# tip_mass_kg = 0.0", "tip_mass_kg = 0.2"),
+        ],
+    );
+    let task = file(
+        "task.toml",
+        TASK,
+        &[
+            ("duration_s = 2.0", "duration_s = 0.27"),
+            ("pre_actuation_s = 0.0", "pre_actuation_s = \"auto\""),
+        ],
+    );
+    let results = out.join("results");
+    for command in ["plan", "run"] {
+        refused(
+            &[
+                command,
+                "--arm",
+                &arm,
+                "--task",
+                &task,
+                "--out",
+                results.to_str().unwrap(),
+            ],
+            2,
+            &[
+                "feedforward table",
+                "torque tau1 (N m) only to",
+                "is accepted",
+                "a longer post_actuation_s",
+            ],
+        );
+        assert!(!results.exists(), "{command} leaves results");
+    }
 }
 
 #[test]

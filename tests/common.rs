@@ -81,7 +81,7 @@ pub fn fast_task(window: f64) -> Task {
 /// If there is none: the test that wants it has failed.
 pub fn planned(arm: &ArmParameters, task: &Task) -> (Plan, EncodedTable) {
     let plan = plan(arm, task, &PlanOptions::default()).expect("a plan");
-    let table = table_fit::encode(&plan).expect("a table");
+    let table = table_fit::fit_table(&plan).expect("a table");
     (plan, table)
 }
 

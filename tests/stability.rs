@@ -331,7 +331,7 @@ fn compare_edges(tick_rate_hz: u32) {
             ..PlanOptions::default()
         };
         let plan = plan(&paper_arm(), &standing(x), &options).unwrap();
-        let image = table_fit::encode(&plan).unwrap().image;
+        let image = table_fit::fit_table(&plan).unwrap().image;
         let edge = predicted_edge(&plan, ray);
         let beyond = with_gains_times(ray, 1.05 * edge);
         let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);

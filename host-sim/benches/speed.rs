@@ -35,7 +35,7 @@ fn plan_the_papers_path(duration: f64) -> Plan {
 #[divan::bench]
 fn encode_the_table(bencher: divan::Bencher<'_, '_>) {
     let plan = paper(2.0);
-    bencher.bench(|| table_fit::encode(&plan));
+    bencher.bench(|| table_fit::fit_table(&plan));
 }
 
 /// The plant alone: 2 s at 5 kHz ticks, single thread.
@@ -59,7 +59,7 @@ fn simulate_2_s(bencher: divan::Bencher<'_, '_>, elements: usize) {
 #[divan::bench(args = [3, 8])]
 fn run_2_s_in_closed_loop(bencher: divan::Bencher<'_, '_>, elements: usize) {
     let plan = paper(2.0);
-    let image = table_fit::encode(&plan).expect("a table").image;
+    let image = table_fit::fit_table(&plan).expect("a table").image;
     let law = config::parse_controller("example", config::DEFAULT_CONTROLLER).expect("valid");
     let options = RunOptions {
         law,

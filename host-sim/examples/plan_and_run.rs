@@ -34,7 +34,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("planned torques up to {torque1:.2} and {torque2:.3} N m");
 
     // 3. The table from which the controller reads the plan, tick by tick.
-    let table = table_fit::encode(&plan)?;
+    let table = table_fit::fit_table(&plan)?;
     println!("its table has {} bytes", table.image.len());
 
     // 4. The arm that it will meet: a link that is a tenth softer, in a finer model.

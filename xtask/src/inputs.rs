@@ -7,7 +7,7 @@ use flexor::table::Table;
 use flexor_sim::files::config;
 use flexor_sim::planner::limits::default_limits;
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
-use flexor_sim::planner::table_fit::{EncodedTable, encode};
+use flexor_sim::planner::table_fit::{EncodedTable, fit_table};
 use flexor_sim::plant::PlantParameters;
 use flexor_sim::simulation::closed_loop::RunOptions;
 use flexor_sim::simulation::start::Start;
@@ -67,7 +67,7 @@ pub(crate) fn plan_files(files: &Files) -> Result<Demo> {
     };
     let plan = plan(&arm.arm, &task, &options)?;
     let limits = arm.limits.unwrap_or_else(|| default_limits(&plan));
-    let table = encode(&plan)?;
+    let table = fit_table(&plan)?;
     // As the board does before it enables, where the drives may allow less.
     check_torque_bound(Table::open(&table.image)?.torque_bound(), &limits)
         .context("limits.torque_Nm: a longer duration_s may need less")?;

@@ -4,6 +4,7 @@ use crate::analysis::fixed_point::accuracy::AccuracyError;
 use crate::analysis::fixed_point::range::RangeError;
 use crate::analysis::stability::StabilityError;
 use crate::files::config::ConfigError;
+use crate::planner::table_fit::TableFitError;
 use crate::planner::task::PlanError;
 use crate::simulation::closed_loop::{Outcome, RunError};
 #[cfg(feature = "target")]
@@ -72,8 +73,8 @@ pub(super) enum CliError {
         value: f64,
         most: f64,
     },
-    #[error("the plan does not fit the table format: {0}")]
-    Encode(TableError),
+    #[error(transparent)]
+    TableFit(#[from] TableFitError),
     #[error("the simulation stopped at t = {t_s:.4} s: {}; the results up to there are in {}", outcome.name(), out.display())]
     Stopped {
         t_s: f64,
@@ -130,6 +131,7 @@ impl CliError {
             | Self::Map { .. }
             | Self::NoEffect { .. }
             | Self::Range(_)
+            | Self::TableFit(TableFitError::Inexact { .. })
             | Self::Run(_) => 2,
             #[cfg(feature = "tune")]
             Self::Margin { .. } => 2,
@@ -151,7 +153,10 @@ impl CliError {
             // No gains found, or the optimiser's failure, is none of the user's.
             Self::Stability(StabilityError::NotTuned { .. } | StabilityError::Optimiser(_)) => 1,
             Self::Stability(_) => 2,
-            Self::Unwritable { .. } | Self::Encode(_) | Self::Stopped { .. } | Self::Stdout(_) => 1,
+            Self::Unwritable { .. }
+            | Self::TableFit(TableFitError::Format(_))
+            | Self::Stopped { .. }
+            | Self::Stdout(_) => 1,
             #[cfg(feature = "report")]
             Self::Report(_) => 1,
             #[cfg(feature = "target")]

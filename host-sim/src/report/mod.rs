@@ -122,7 +122,7 @@ pub(crate) mod testing {
             post_actuation: Window::Fixed(0.0),
         };
         let plan = plan(&PAPER, &task, &PlanOptions::default()).unwrap();
-        let image = crate::planner::table_fit::encode(&plan).unwrap().image;
+        let image = crate::planner::table_fit::fit_table(&plan).unwrap().image;
         let options = RunOptions {
             law: LawParameters::FEEDFORWARD,
             limits: LimitParameters {

@@ -177,7 +177,7 @@ pub struct Step<T> {
 /// let arm = config::parse_arm("arm.toml", DEFAULT_ARM)?.arm;
 /// let task = config::parse_task("task.toml", DEFAULT_TASK)?;
 /// let plan = plan::plan(&arm, &task, &plan::PlanOptions::default())?;
-/// let image = table_fit::encode(&plan)?.image;
+/// let image = table_fit::fit_table(&plan)?.image;
 /// let options = RunOptions {
 ///     law: config::parse_controller("controller.toml", DEFAULT_CONTROLLER)?,
 ///     limits: default_limits(&plan),

@@ -36,7 +36,8 @@
 //! with the uniform cubic B-spline basis. The cursor turns the four knots of a segment
 //! into the cubic's coefficients when it enters it. The torque columns hold at tick `k` what is
 //! to be *held* from tick `k` to `k + 1`, the plan's value in the middle of that
-//! period; all other columns are the plan at tick `k` itself.
+//! period; at the last tick, which is held after the end, the plan's last. All other
+//! columns are the plan at tick `k` itself.
 
 use crate::CRC32;
 use crate::signals::COLUMNS;
