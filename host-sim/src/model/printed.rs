@@ -7,7 +7,7 @@ use crate::model::dynamics::Motion;
 /// The torques of eq. 16-17 as printed: velocities without the terms in `w theta20'`
 /// (eq. 6), and tau2 as the least-squares solution of eq. 9 (link 2's angular
 /// momentum) and eq. 11 (its vibration), which contradict each other. Only eq. 11's
-/// root slope row has tau2, so that is the mean of the two. Units as [`inverse`].
+/// root slope row has tau2, so that is the mean of the two. Units as [`inverse`](crate::model::dynamics::inverse).
 pub fn inverse_as_printed(model: &ArmModel, motion: &Motion<'_, f64>, force: [f64; 2]) -> [f64; 2] {
     let configuration = motion.configuration;
     let [rate1, rate2] = motion.joint.rate;
