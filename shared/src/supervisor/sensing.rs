@@ -92,9 +92,9 @@ impl Sensing {
     #[inline]
     pub fn in_range(&self) -> bool {
         let (least, largest) = self.calibration.range;
-        [self.force, self.strain]
-            .into_iter()
-            .all(|count| least <= count && count <= largest)
+        let within = |count| (least <= count) & (count <= largest);
+        // Without branches: main loop and tick hold interrupts off meanwhile.
+        within(self.force) & within(self.strain)
     }
 
     /// The latest sample.
