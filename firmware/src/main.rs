@@ -8,8 +8,9 @@
 //!
 //! RTIC 2 schedules them: its priority ceilings prove at compile time that the tick
 //! shares data with the main loop only under a lock, which in the tick itself never waits
-//! and costs a dozen instructions. Locks in the main loop copy one small struct or exchange two references;
-//! `cargo xtask budget` counts the instructions of every stretch with interrupts held off.
+//! and costs a dozen instructions. Locks in the main loop copy one small struct or exchange
+//! two references; `cargo xtask budget` counts the instructions of every stretch with
+//! interrupts held off.
 
 #![no_std]
 #![no_main]
