@@ -46,7 +46,7 @@ pub(crate) fn pil(options: &Options) -> Result<()> {
 pub(crate) fn flexor(elf: Option<&Path>) -> Command {
     let mut command = Command::new("cargo");
     let manifest = root().join("Cargo.toml");
-    command.args(["run", "--quiet", "--release", "--package", "flexor-sim"]);
+    command.args(["run", "--release", "--package", "flexor-sim"]);
     command.arg("--manifest-path").arg(manifest);
     command.args(["--bin", "flexor", "--", "pil"]);
     if let Some(elf) = elf {
