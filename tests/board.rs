@@ -1,6 +1,8 @@
 //! `flexor board`, against a board that the test plays on a pseudo-terminal, and against the
 //! image in QEMU. `cargo xtask test` builds the image; `FLEXOR_ELF` says where it is.
 
+#![cfg(unix)] // Pseudo-terminals and kill(1).
+
 use flexor::fault::Fault;
 use flexor::link::RawSample;
 use flexor::link::{
@@ -281,7 +283,7 @@ fn identity_status_and_sensors_are_told_in_words_and_json() {
         "1.5000 rad",
         "2.000 N",
         "released",
-        "not well",
+        "a fault, or a wire is broken",
     ] {
         assert!(words.contains(word), "no {word:?} in {words}");
     }
@@ -314,11 +316,11 @@ fn the_sensors_are_followed_in_lines_until_the_signal() {
 }
 
 #[test]
-fn an_enabled_table_is_attended_to_its_end_and_disarmed() {
+fn an_enabled_table_is_attended_to_its_end_and_disabled() {
     for (arguments, slot) in [
-        (&["arm"][..], None),
-        (&["arm", "--slot", "a"], Some(Slot::A)),
-        (&["arm", "--slot", "b"], Some(Slot::B)),
+        (&["enable"][..], None),
+        (&["enable", "--slot", "a"], Some(Slot::A)),
+        (&["enable", "--slot", "b"], Some(Slot::B)),
     ] {
         let board = Fake::good();
         let output = board.run(arguments);
@@ -337,7 +339,7 @@ fn an_enabled_table_is_attended_to_its_end_and_disarmed() {
         expected.push(Request::Disable);
         assert_eq!(board.asked(), expected);
     }
-    let end = Fake::good().json(&["arm"]);
+    let end = Fake::good().json(&["enable"]);
     assert_eq!(
         (&end["outcome"], &end["slot"]),
         (&"completed".into(), &"A".into())
@@ -363,9 +365,9 @@ fn a_fault_on_the_way_is_named_and_a_failure() {
         "fault 18 (sensors_stale) after tick 20 of 50",
         "board acknowledge",
     ];
-    failed(&board.run(&["arm"]), &words);
+    failed(&board.run(&["enable"]), &words);
     assert_eq!(board.asked().last(), Some(&Request::Disable));
-    let output = fault().run(&["arm", "--json"]);
+    let output = fault().run(&["enable", "--json"]);
     failed(&output, &words);
     let end: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(end["outcome"], "fault");
@@ -374,7 +376,7 @@ fn a_fault_on_the_way_is_named_and_a_failure() {
 }
 
 #[test]
-fn a_refusal_is_told_and_nothing_is_to_be_disarmed() {
+fn a_refusal_is_told_and_nothing_is_to_be_disabled() {
     let mut board = Board::NEW;
     let refusal = Refusal::AwayFromStart {
         deviation_rad: [0.5, -0.25, 0.0],
@@ -383,21 +385,21 @@ fn a_refusal_is_told_and_nothing_is_to_be_disarmed() {
         Request::Enable { .. } => Some(Reply::Refused(refusal)),
         other => Some(board.answer(other)),
     });
-    let output = board.run(&["arm"]);
+    let output = board.run(&["enable"]);
     failed(&output, &["refused", "[0.5, -0.25, 0.0] rad", "first row"]);
     assert!(output.stdout.is_empty());
-    let arm = Request::Enable { slot: None };
-    assert_eq!(board.asked(), [arm, Request::Status]);
+    let enable = Request::Enable { slot: None };
+    assert_eq!(board.asked(), [enable, Request::Status]);
 }
 
 #[test]
-fn a_signal_disarms() {
+fn a_signal_disables() {
     let mut board = Board {
         pace: 0,
         ..Board::NEW
     };
     let board = Fake::new(move |request| Some(board.answer(request)));
-    let mut child = board.start(&["arm"]);
+    let mut child = board.start(&["enable"]);
     board.until_asked(10, &mut child);
     interrupt(&child);
     failed(
@@ -418,7 +420,7 @@ fn a_board_that_starts_again_or_is_disabled_by_another_ends_the_run() {
     };
     let again = run(|_| Reply::Identity(IDENTITY));
     failed(
-        &again.run(&["arm"]),
+        &again.run(&["enable"]),
         &["started again", "the watchdog was not fed", "disabled"],
     );
     assert_eq!(again.asked().last(), Some(&Request::Disable));
@@ -427,7 +429,7 @@ fn a_board_that_starts_again_or_is_disabled_by_another_ends_the_run() {
         board.answer(&Request::Status)
     });
     failed(
-        &other.run(&["arm"]),
+        &other.run(&["enable"]),
         &["somebody else disabled it after tick 20"],
     );
 }
@@ -440,7 +442,7 @@ fn a_board_that_falls_silent_is_disabled_if_it_still_hears() {
         Request::Status if board.mode == Mode::Enabled => None,
         other => Some(board.answer(other)),
     });
-    let output = deaf.start(&["arm", "--timeout-s", "0.3"]);
+    let output = deaf.start(&["enable", "--timeout-s", "0.3"]);
     let output = output.wait_with_output().unwrap();
     failed(
         &output,
@@ -454,7 +456,7 @@ fn a_board_that_falls_silent_is_disabled_if_it_still_hears() {
         Mode::Enabled => None,
         _ => Some(board.answer(request)),
     });
-    let output = dead.start(&["arm", "--timeout-s", "0.3"]);
+    let output = dead.start(&["enable", "--timeout-s", "0.3"]);
     let output = output.wait_with_output().unwrap();
     failed(
         &output,
@@ -464,13 +466,13 @@ fn a_board_that_falls_silent_is_disabled_if_it_still_hears() {
 }
 
 #[test]
-fn an_answer_to_arm_that_gets_lost_is_followed_by_disarming() {
+fn an_answer_to_enable_that_gets_lost_is_followed_by_disabling() {
     let mut board = Board::NEW;
     let board = Fake::new(move |request| {
         let reply = board.answer(request);
         (!matches!(request, Request::Enable { .. })).then_some(reply)
     });
-    let output = board.start(&["arm", "--timeout-s", "0.3"]);
+    let output = board.start(&["enable", "--timeout-s", "0.3"]);
     failed(&output.wait_with_output().unwrap(), &["no answer"]);
     let asked = board.asked();
     assert_eq!(asked, [Request::Enable { slot: None }, Request::Disable]);
@@ -508,7 +510,7 @@ fn silence_and_other_speech_are_told_apart() {
 }
 
 #[test]
-fn home_disarm_and_acknowledge_say_how_it_then_is() {
+fn home_disable_and_acknowledge_say_how_it_then_is() {
     let mut board = Board {
         mode: Mode::Enabled,
         fault: Some(Fault::Drive),
@@ -543,7 +545,7 @@ fn a_wrong_command_line_is_code_2() {
     for arguments in [
         &[][..],
         &["fly"],
-        &["arm", "--slot", "c"],
+        &["enable", "--slot", "c"],
         &["status", "--timeout-s", "0"],
         &["identity", "--port", "/nowhere/tty"],
         &["identity", "--elf", "/nowhere/firmware"],
@@ -556,7 +558,7 @@ fn a_wrong_command_line_is_code_2() {
         "identity",
         "status",
         "sensors",
-        "arm",
+        "enable",
         "home",
         "disable",
         "acknowledge",
@@ -611,14 +613,51 @@ fn the_image_in_qemu_answers_every_verb() {
     }
     for (arguments, reason) in [
         (
-            &["arm"][..],
+            &["enable"][..],
             "the cause of fault 16 (emergency_stop) is there",
         ),
-        (&["arm", "--slot", "a"], "fault 16 (emergency_stop)"),
-        (&["arm", "--slot", "b"], "the slot holds no table"),
+        (&["enable", "--slot", "a"], "fault 16 (emergency_stop)"),
+        (&["enable", "--slot", "b"], "the slot holds no table"),
     ] {
         let (code, words, log) = emulated(arguments);
         assert_eq!((code, &*words), (1, ""));
         assert!(log.contains(reason), "{log}");
+    }
+}
+
+#[test]
+#[ignore = "needs the image: cargo xtask test"]
+fn pil_that_is_told_to_end_leaves_nothing_behind() {
+    let elf =
+        std::env::var_os("FLEXOR_ELF").expect("FLEXOR_ELF is not set: run `cargo xtask test`");
+    for signal in ["-INT", "-TERM"] {
+        let scratch = tempfile::tempdir().unwrap();
+        let (temporary, out) = (scratch.path().join("tmp"), scratch.path().join("out"));
+        std::fs::create_dir(&temporary).unwrap();
+        let mut child = Command::new(env!("CARGO_BIN_EXE_flexor"))
+            .args(["pil", "--random", "100000000", "--elf"])
+            .arg(&elf)
+            .arg("--out")
+            .arg(&out)
+            .env("TMPDIR", &temporary)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        // Its log's first line comes when the firmware runs.
+        let mut log = BufReader::new(child.stderr.take().unwrap());
+        let mut line = String::new();
+        log.read_line(&mut line).unwrap();
+        assert!(line.starts_with("firmware: "), "{line}");
+        let pid = child.id().to_string();
+        let kill = Command::new("kill").args([signal, &pid]).status().unwrap();
+        assert!(kill.success());
+        log.read_to_string(&mut line).unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(1), "{line}");
+        assert!(line.contains("error: interrupted after"), "{line}");
+        let left: Vec<_> = std::fs::read_dir(&temporary).unwrap().collect();
+        assert!(left.is_empty(), "{left:?}");
+        // A run that was broken off has no results.
+        assert!(!out.join("run.csv").exists());
     }
 }

@@ -5,10 +5,12 @@
 
 use flexor::model::ArmParameters;
 use flexor_sim::files::config;
-use flexor_sim::planner::plan::{Plan, PlanOptions, Task, Window, plan};
+use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::table_fit;
 use flexor_sim::planner::table_fit::EncodedTable;
+use flexor_sim::planner::task::{Task, Window};
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 /// A reference file of numbers: the header's names and the rows.
 #[derive(Debug)]
@@ -79,6 +81,29 @@ pub fn fast_task(window: f64) -> Task {
 /// If there is none: the test that wants it has failed.
 pub fn planned(arm: &ArmParameters, task: &Task) -> (Plan, EncodedTable) {
     let plan = plan(arm, task, &PlanOptions::default()).expect("a plan");
-    let table = table_fit::encode(&plan).expect("a table");
+    let table = table_fit::fit_table(&plan).expect("a table");
     (plan, table)
+}
+
+/// The firmware's image, which `cargo xtask test` builds.
+///
+/// # Panics
+/// Where `FLEXOR_ELF` does not say where it is.
+pub fn elf() -> PathBuf {
+    std::env::var_os("FLEXOR_ELF")
+        .expect("FLEXOR_ELF is not set: run `cargo xtask test`")
+        .into()
+}
+
+/// A new folder for a test.
+///
+/// # Panics
+/// If it cannot be made.
+pub fn folder() -> PathBuf {
+    static COUNT: AtomicU32 = AtomicU32::new(0);
+    let count = COUNT.fetch_add(1, Ordering::Relaxed);
+    let name = format!("flexor-test-{}-{count}", std::process::id());
+    let folder = std::env::temp_dir().join(name);
+    std::fs::create_dir(&folder).expect("a folder for temporary files");
+    folder
 }

@@ -6,12 +6,14 @@ use flexor::signals::{Measurement, Saturation};
 use flexor::table::Table;
 use flexor_sim::files::config;
 use flexor_sim::planner::limits::default_limits;
-use flexor_sim::planner::plan::{Plan, Task};
+use flexor_sim::planner::plan::Plan;
 use flexor_sim::planner::table_fit::EncodedTable;
-use flexor_sim::plant::{PlantParameters, Start};
+use flexor_sim::planner::task::Task;
+use flexor_sim::plant::PlantParameters;
 use flexor_sim::simulation::cases;
 use flexor_sim::simulation::cases::Mode;
-use flexor_sim::simulation::closed_loop::{Outcome, RunOptions, Summary, run, run_with};
+use flexor_sim::simulation::closed_loop::{Outcome, RunOptions, Simulation, Summary};
+use flexor_sim::simulation::start::Start;
 use flexor_tests::{fast_task, paper_arm, paper_task, planned};
 
 fn law() -> LawParameters {
@@ -31,7 +33,10 @@ fn options(plan: &Plan, mode: Mode, stiffness: f64, start: Start) -> RunOptions 
 fn summary(task: &Task, mode: Mode, stiffness: f64, start: Start) -> Summary {
     let (plan, table) = planned(&paper_arm(), task);
     let options = options(&plan, mode, stiffness, start);
-    run::<f32>(&plan, &table.image, &options).unwrap().summary
+    Simulation::<f32>::new(&plan, &table.image, &options)
+        .unwrap()
+        .run(|_| {})
+        .summary
 }
 
 #[test]
@@ -104,7 +109,10 @@ fn feedback_alone_fails() {
             law: Mode::Feedback.of(&gains),
             ..options(&plan, Mode::Feedback, stiffness, Start::PlanAtRest)
         };
-        let s = run::<f32>(&plan, &table.image, &options).unwrap().summary;
+        let s = Simulation::<f32>::new(&plan, &table.image, &options)
+            .unwrap()
+            .run(|_| {})
+            .summary;
         assert!(
             (s.force_error_rms - 0.77).abs() < 0.05,
             "{} N",
@@ -128,7 +136,10 @@ fn the_default_gains_hold_finer_plants_too() {
             plant: cases::plant(elements, 0.9),
             ..options(&plan, Mode::Proposed, 0.9, Start::Equilibrium)
         };
-        let s = run::<f32>(&plan, &table.image, &options).unwrap().summary;
+        let s = Simulation::<f32>::new(&plan, &table.image, &options)
+            .unwrap()
+            .run(|_| {})
+            .summary;
         assert_eq!(s.outcome, Outcome::Completed, "{elements} elements");
         assert!(
             s.force_error_rms < 0.01,
@@ -152,7 +163,9 @@ fn an_f32_tick_is_an_f64_tick_to_2e_5_newton_metres() {
         let mut exact =
             Controller::<f64>::new(&opened, &arm, &options.law, &options.limits).unwrap();
         let mut worst = 0.0_f64;
-        run_with::<f32>(&plan, &table.image, &options, |measured, command| {
+        let mut simulation = Simulation::<f32>::new(&plan, &table.image, &options).unwrap();
+        simulation.run(|step| {
+            let measured = &step.measured;
             // The same inputs, those of the f32 controller's own run.
             let same = Measurement {
                 angle: measured.angle.map(f64::from),
@@ -163,11 +176,10 @@ fn an_f32_tick_is_an_f64_tick_to_2e_5_newton_metres() {
             };
             let reference = exact.tick(&same);
             for joint in 0..2 {
-                let error = f64::from(command.torque[joint]) - reference.torque[joint];
+                let error = f64::from(step.command.torque[joint]) - reference.torque[joint];
                 worst = worst.max(error.abs());
             }
-        })
-        .unwrap();
+        });
         // tau1 of the fast task reaches 44 N m, where an f32 has steps of 4e-6.
         let bound = if task == paper_task() { 2e-5 } else { 4e-5 };
         assert!(worst <= bound, "{mode:?}: {worst:e} N m");
@@ -192,8 +204,9 @@ fn the_table_is_small_and_exact() {
     let mut sampler = plan.sampler();
     let half = 0.5 / f64::from(plan.tick_rate_hz);
     let mut worst = [0.0_f64; 2];
+    let end = plan.points[plan.points.len() - 1].t;
     for point in &plan.points {
-        let held = sampler.at(point.t + half).torque;
+        let held = sampler.at((point.t + half).min(end)).torque;
         let read = cursor.row();
         for joint in 0..2 {
             worst[0] = worst[0].max((f64::from(read.torque[joint]) - held[joint]).abs());
@@ -212,7 +225,12 @@ fn the_table_is_small_and_exact() {
 fn every_run_is_repeatable_to_the_bit() {
     let (plan, table) = planned(&paper_arm(), &fast_task(0.3));
     let options = options(&plan, Mode::Proposed, 0.9, Start::PlanAtRest);
-    let [a, b] = [0, 1].map(|_| run::<f32>(&plan, &table.image, &options).unwrap().rows);
+    let [a, b] = [0, 1].map(|_| {
+        Simulation::<f32>::new(&plan, &table.image, &options)
+            .unwrap()
+            .run(|_| {})
+            .rows
+    });
     assert_eq!(a, b);
 }
 
@@ -305,7 +323,9 @@ fn torques_never_leave_their_limits() {
         limits,
         ..options(&plan, Mode::Proposed, 0.9, Start::PlanAtRest)
     };
-    let result = run::<f32>(&plan, &table.image, &options).unwrap();
+    let result = Simulation::<f32>::new(&plan, &table.image, &options)
+        .unwrap()
+        .run(|_| {});
     assert!(result.summary.limited_ticks > 100);
     for pair in result.rows.windows(2) {
         for joint in 0..2 {
@@ -336,7 +356,10 @@ fn a_richer_plant_runs_with_every_option() {
         },
         ..options(&plan, Mode::Proposed, 1.0, Start::Equilibrium)
     };
-    let s = run::<f32>(&plan, &table.image, &options).unwrap().summary;
+    let s = Simulation::<f32>::new(&plan, &table.image, &options)
+        .unwrap()
+        .run(|_| {})
+        .summary;
     assert!(
         s.force_error_rms < 0.3 && s.force_error_rms > 1e-4,
         "{} N",

@@ -1,6 +1,5 @@
-//! The image in QEMU: bad tables, refusals, panics and faults, abuse of the link, and
-//! `flexor pil`. `cargo xtask test` builds
-//! the image and runs these; `FLEXOR_ELF` says where it is.
+//! The image in QEMU: bad tables, refusals, panics and faults, abuse of the link.
+//! `cargo xtask test` builds the image and runs these; `FLEXOR_ELF` says where it is.
 
 use flexor::control::{LawParameters, LimitParameters};
 use flexor::fault::Fault;
@@ -8,22 +7,21 @@ use flexor::link::{
     ClockSource, FRAME_MAX, Mode, RawSample, Refusal, Reply, Request, Setup, StartReason, encode,
 };
 use flexor::signals::Measurement;
+use flexor::supervisor::ControllerParameters;
 use flexor::table::{Slot, SlotError};
 use flexor_sim::target::pil::compare_any;
 use flexor_sim::target::{Emulation, Logs, Target, TargetError};
+use flexor_tests::{elf, folder};
 use object::{Object, ObjectSection, ObjectSymbol};
 use std::cell::RefCell;
-use std::ffi::OsString;
-use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::ops::ControlFlow;
+use std::path::Path;
 use std::rc::Rc;
-use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 /// The arm of the default image's table, and feedback that uses every term of the law.
-fn setup() -> Setup {
-    Setup {
+fn parameters() -> ControllerParameters {
+    ControllerParameters {
         arm: flexor_tests::paper_arm(),
         law: LawParameters {
             force_derivative_s: 0.01,
@@ -41,10 +39,9 @@ fn setup() -> Setup {
     }
 }
 
-fn elf() -> PathBuf {
-    std::env::var_os("FLEXOR_ELF")
-        .expect("FLEXOR_ELF is not set: run `cargo xtask test`")
-        .into()
+/// The same as the link carries it.
+fn setup() -> Setup {
+    Setup::from(&parameters())
 }
 
 /// The image's bytes, and where in them slot A's table is.
@@ -68,16 +65,6 @@ fn boot(change: impl FnOnce(&mut [u8]), slot_b: Option<&[u8]>) -> Target {
     let (mut bytes, range) = image();
     change(&mut bytes[range]);
     boot_image(&bytes, slot_b)
-}
-
-/// A new folder for a test.
-fn folder() -> PathBuf {
-    static COUNT: AtomicU32 = AtomicU32::new(0);
-    let count = COUNT.fetch_add(1, Ordering::Relaxed);
-    let name = format!("flexor-test-{}-{count}", std::process::id());
-    let folder = std::env::temp_dir().join(name);
-    std::fs::create_dir(&folder).unwrap();
-    folder
 }
 
 /// QEMU with any image.
@@ -201,7 +188,7 @@ fn seal(table: &mut [u8]) {
 }
 
 /// A request to enable the drives with any slot's table.
-const ARM: Request = Request::Enable { slot: None };
+const ENABLE: Request = Request::Enable { slot: None };
 
 fn ask(target: &mut Target, request: Request) -> Reply {
     target.ask(&request, "reply").unwrap()
@@ -231,7 +218,7 @@ fn it_starts_disabled_with_its_table_and_says_so() {
 
 #[test]
 #[ignore = "needs the image: cargo xtask test"]
-fn without_released_stop_it_does_not_arm() {
+fn without_released_stop_it_does_not_enable() {
     // QEMU's inputs read 0: the stop is pressed.
     let good = table();
     let mut target = boot(untouched, Some(&good));
@@ -249,7 +236,7 @@ fn without_released_stop_it_does_not_arm() {
     let mut target = boot(|table| table[0] ^= 1, Some(&good));
     assert_eq!(ask(&mut target, Request::Enable { slot: a }), refused);
     assert_eq!(ask(&mut target, Request::Enable { slot: b }), stop);
-    assert_eq!(ask(&mut target, ARM), stop);
+    assert_eq!(ask(&mut target, ENABLE), stop);
 }
 
 #[test]
@@ -322,7 +309,7 @@ fn a_bad_table_is_named_and_the_other_slot_used() {
         let mut alone = boot(change, None);
         assert_eq!(alone.identity().slots[0], Err(error));
         let refused = Reply::Refused(Refusal::NoTable(error, SlotError::Magic));
-        assert_eq!(ask(&mut alone, ARM), refused);
+        assert_eq!(ask(&mut alone, ENABLE), refused);
         assert!(matches!(
             alone.start(Slot::A, &setup()),
             Err(TargetError::Refused(Refusal::Table(found))) if found == error
@@ -332,7 +319,7 @@ fn a_bad_table_is_named_and_the_other_slot_used() {
         assert!(with_b.identity().slots[1].is_ok());
         // Past the table, to the next thing that is missing.
         let refused = Reply::Refused(Refusal::Cause(Fault::EmergencyStop));
-        assert_eq!(ask(&mut with_b, ARM), refused);
+        assert_eq!(ask(&mut with_b, ENABLE), refused);
         with_b.start(Slot::B, &setup()).unwrap();
     }
 }
@@ -341,7 +328,10 @@ fn a_bad_table_is_named_and_the_other_slot_used() {
 #[ignore = "needs the image: cargo xtask test"]
 fn any_measurement_gives_the_same_command_as_on_the_host() {
     let mut target = boot(untouched, None);
-    let differing = compare_any(&mut target, &table(), &setup(), 2000, 7, |_| {}).unwrap();
+    let differing = compare_any(&mut target, &table(), &parameters(), 2000, 7, |_| {
+        ControlFlow::Continue(())
+    })
+    .unwrap();
     assert_eq!(differing, 0);
 }
 
@@ -359,7 +349,7 @@ fn lock_step_begins_and_ends_on_request() {
     assert_eq!(ask(&mut target, Request::StopLockStep), refused);
     for end in [Request::StopLockStep, Request::Disable] {
         target.start(Slot::A, &setup()).unwrap();
-        assert_eq!(ask(&mut target, ARM), Reply::Refused(Refusal::Busy));
+        assert_eq!(ask(&mut target, ENABLE), Reply::Refused(Refusal::Busy));
         for sequence in 0..3 {
             let reply = target.tick(sequence, &measured).unwrap();
             assert_eq!(reply.tick, sequence);
@@ -497,7 +487,7 @@ fn the_log_comes_decoded_over_the_link() {
     let (mut bytes, range) = image();
     bytes[range.start] ^= 1;
     let mut target = boot_logged(&bytes, None, &folder, Some(logs));
-    ask(&mut target, ARM);
+    ask(&mut target, ENABLE);
     let has = |words: &str| lines.borrow().iter().any(|line| line.contains(words));
     // The log may lag behind the answers.
     let deadline = Instant::now() + Duration::from_secs(60);
@@ -508,144 +498,6 @@ fn the_log_comes_decoded_over_the_link() {
     assert!(has("info start: Normal, clock: Internal"));
     assert!(has("info slot A: no usable table, Magic"));
     assert!(has("warn refused: NoTable(Magic, Magic) (comms.rs:"));
-    std::fs::remove_dir_all(folder).unwrap();
-}
-
-/// `flexor` with these arguments and results in `out`; the summary, if it succeeds.
-fn flexor(arguments: &[&str], out: &Path) -> Result<serde_json::Value, u8> {
-    let mut line: Vec<OsString> = vec!["flexor".into()];
-    line.extend(arguments.iter().map(Into::into));
-    line.extend(["--out".into(), out.into()]);
-    match flexor_sim::cli::run(line) {
-        0 => {
-            let text = std::fs::read_to_string(out.join("summary.json")).unwrap();
-            Ok(serde_json::from_str(&text).unwrap())
-        }
-        code => Err(code),
-    }
-}
-
-/// The example task in a fifth of a second.
-fn short_task(folder: &Path) -> String {
-    let text =
-        flexor_sim::files::config::DEFAULT_TASK.replacen("duration_s = 2.0", "duration_s = 0.2", 1);
-    let file = folder.join("short.toml");
-    std::fs::write(&file, text).unwrap();
-    file.to_str().unwrap().to_owned()
-}
-
-#[test]
-#[ignore = "needs the image: cargo xtask test"]
-fn pil_gives_what_run_gives_to_the_last_byte() {
-    let folder = folder();
-    let task = short_task(&folder);
-    // Another arm too: the setup goes over the link.
-    let arm = flexor_sim::files::config::DEFAULT_ARM.replacen("mass_kg = 0.24", "mass_kg = 0.2", 1);
-    let arm_file = folder.join("arm.toml");
-    std::fs::write(&arm_file, arm).unwrap();
-    let arm_file = arm_file.to_str().unwrap();
-    let elf = elf();
-    let common = [
-        "--task",
-        &task,
-        "--arm",
-        arm_file,
-        "--bending-stiffness-scale",
-        "0.9",
-    ];
-    let run = flexor(&[&["run"], &common[..]].concat(), &folder.join("run")).unwrap();
-    let pil = ["pil", "--elf", elf.to_str().unwrap(), "--random", "100"];
-    let pil = flexor(&[&pil[..], &common].concat(), &folder.join("pil")).unwrap();
-    for file in ["run.csv", "plan.csv", "table.bin"] {
-        let [a, b] = ["run", "pil"].map(|f| std::fs::read(folder.join(f).join(file)).unwrap());
-        assert!(a == b, "{file} differs");
-    }
-    assert!(folder.join("pil/report.html").exists());
-    assert_eq!(pil["firmware_version"], env!("CARGO_PKG_VERSION"));
-    assert_eq!(pil["outcome"], run["outcome"]);
-    assert_eq!(
-        (&pil["ticks"], &pil["differing_commands"]),
-        (&1001.into(), &0.into())
-    );
-    assert_eq!(
-        (&pil["random_differing"], &pil["slot"]),
-        (&0.into(), &"B".into())
-    );
-    let [median, most] =
-        ["instructions_median", "instructions_max"].map(|key| pil[key].as_u64().unwrap());
-    assert!(100 < median && median <= most);
-    assert!(pil["wall_s"].as_f64().unwrap() > 0.0);
-    std::fs::remove_dir_all(folder).unwrap();
-}
-
-#[test]
-#[ignore = "needs the image: cargo xtask test"]
-fn pil_runs_on_a_serial_port() {
-    let folder = folder();
-    let task = short_task(&folder);
-    flexor(&["plan", "--task", &task], &folder.join("plan")).unwrap();
-    // A pseudo-terminal stands for the port, QEMU for the board behind it.
-    let loader = format!(
-        "loader,file={},addr=0x08040000,force-raw=on",
-        folder.join("plan/table.bin").display()
-    );
-    let elf = elf();
-    let elf = elf.to_str().unwrap();
-    let mut qemu = Command::new("qemu-system-arm")
-        .args(["-M", "olimex-stm32-h405", "-nographic", "-monitor", "none"])
-        .args(["-icount", "shift=0", "-serial", "pty", "-m", "1M"])
-        .args(["-device", &loader, "-kernel", elf])
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::inherit())
-        .spawn()
-        .unwrap();
-    // "char device redirected to /dev/pts/3 (label serial0)"
-    let mut line = String::new();
-    BufReader::new(qemu.stdout.take().unwrap())
-        .read_line(&mut line)
-        .unwrap();
-    let port = line.split(' ').find(|word| word.starts_with("/dev/"));
-    let port = port.unwrap_or_else(|| panic!("QEMU says {line:?}"));
-    let arguments = ["pil", "--elf", elf, "--port", port, "--task"];
-    let right = flexor(&[&arguments[..], &[&task]].concat(), &folder.join("pil"));
-    // A table that is in neither slot.
-    let other = flexor(
-        &[
-            &arguments[..],
-            &[&task, "--tick-rate-hz", "5000", "--model", "as-printed"],
-        ]
-        .concat(),
-        &folder.join("other"),
-    );
-    qemu.kill().unwrap();
-    qemu.wait().unwrap();
-    let right = right.unwrap();
-    assert_eq!(
-        (&right["ticks"], &right["differing_commands"]),
-        (&1001.into(), &0.into())
-    );
-    assert!(right["instructions_median"].is_null());
-    assert!(right["cycles_median"].as_u64().unwrap() > 0);
-    assert_eq!(other, Err(2));
-    std::fs::remove_dir_all(folder).unwrap();
-}
-
-#[test]
-#[ignore = "needs the image: cargo xtask test"]
-fn pil_refuses_what_the_firmware_cannot_do() {
-    let folder = folder();
-    let elf = elf();
-    let elf = elf.to_str().unwrap();
-    let out = folder.join("out");
-    assert_eq!(flexor(&["pil", "--elf", "/nowhere/firmware"], &out), Err(2));
-    assert_eq!(
-        flexor(&["pil", "--elf", elf, "--port", "/nowhere"], &out),
-        Err(2)
-    );
-    // Another rate than the image's timer.
-    let rate = ["pil", "--elf", elf, "--tick-rate-hz", "4000"];
-    assert_eq!(flexor(&rate, &out), Err(2));
     std::fs::remove_dir_all(folder).unwrap();
 }
 

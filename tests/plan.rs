@@ -1,9 +1,14 @@
 //! The planner against independent solutions, and against itself where there are none.
 
+// Tests may compare with the platform's functions.
+#![allow(clippy::disallowed_methods)]
+
 use flexor::model::{ArmParameters, Elbow};
 use flexor_sim::planner::path::{LinePath, Profile};
-use flexor_sim::planner::plan::{Equations, Plan, PlanError, PlanOptions, Task, Window, plan};
-use flexor_sim::plant::{Plant, PlantParameters, Start};
+use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
+use flexor_sim::planner::task::{Equations, PlanError, Task, Window};
+use flexor_sim::plant::PlantParameters;
+use flexor_sim::simulation::start::{Start, plant_for};
 use flexor_tests::{Reference, fast_task, paper_arm, paper_task};
 use proptest::prelude::*;
 use std::cell::RefCell;
@@ -115,7 +120,7 @@ fn replay(plan: &Plan) -> [f64; 2] {
         elements: plan.model.elements,
         ..PlantParameters::default()
     };
-    let mut plant = Plant::new(plan, &parameters, Start::PlanMoving).unwrap();
+    let mut plant = plant_for(plan, &parameters, Start::PlanMoving).unwrap();
     let sampler = RefCell::new(plan.sampler());
     let begin = plan.time(0);
     let mut worst = [0.0_f64; 2];

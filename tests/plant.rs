@@ -1,7 +1,8 @@
 //! The plant against an independent simulation.
 
 use flexor_sim::planner::plan::{PlanOptions, plan};
-use flexor_sim::plant::{Plant, PlantParameters, Start};
+use flexor_sim::plant::PlantParameters;
+use flexor_sim::simulation::start::{Start, plant_for};
 use flexor_tests::{Reference, paper_arm, paper_task};
 use std::cell::RefCell;
 
@@ -18,7 +19,7 @@ fn a_softer_plant_under_continuous_feedforward_equals_the_reference() {
         bending_stiffness_scale: 0.9,
         ..PlantParameters::default()
     };
-    let mut plant = Plant::new(&plan, &parameters, Start::PlanAtRest).unwrap();
+    let mut plant = plant_for(&plan, &parameters, Start::PlanAtRest).unwrap();
     let reference = Reference::read("forward_ff_only_plant_EI_x0.9.csv");
     let sampler = RefCell::new(plan.sampler());
     let mut rows = reference.rows.iter().peekable();

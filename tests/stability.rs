@@ -1,28 +1,35 @@
 //! The stability analysis against the nonlinear plant and the paper's figures.
 
+// Tests may compare with the platform's functions.
+#![allow(clippy::disallowed_methods)]
+
 use flexor::control::{Controller, ForceProjection, LawParameters, LimitParameters};
 use flexor::model::{ArmParameters, Elbow};
 use flexor::table::Table;
 use flexor_sim::analysis::stability::StabilityError;
 use flexor_sim::analysis::stability::advice::warning;
 use flexor_sim::analysis::stability::linear::{
-    ANGLE1, ANGLE2, FORCE, Linear, OperatingPoint, PlantVariant, SLOPE, SLOPE_RATE, TIP,
+    ANGLE1, ANGLE2, FORCE, Linear, OperatingPoint, SLOPE, SLOPE_RATE, TIP,
 };
 use flexor_sim::analysis::stability::map::GainId;
 use flexor_sim::analysis::stability::path;
-use flexor_sim::analysis::stability::path::{Report, Spread};
+use flexor_sim::analysis::stability::path::Report;
 use flexor_sim::analysis::stability::printed::Printed;
 use flexor_sim::analysis::stability::sampled::with_gains_times;
 use flexor_sim::analysis::stability::tune::{Prediction, TuneOptions, tune};
 use flexor_sim::files::config;
-use flexor_sim::model::dynamics::State;
+use flexor_sim::model::configuration::State;
+use flexor_sim::model::forward::Workspace;
 use flexor_sim::planner::limits::default_limits;
-use flexor_sim::planner::plan::{Plan, PlanOptions, Task, plan};
+use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::table_fit;
+use flexor_sim::planner::task::Task;
 use flexor_sim::plant;
-use flexor_sim::plant::{Plant, PlantParameters, Start};
-use flexor_sim::simulation::closed_loop::{Outcome, RunOptions, measurement};
-use flexor_sim::simulation::{cases, closed_loop};
+use flexor_sim::plant::PlantParameters;
+use flexor_sim::plant::spread::{PlantVariant, Spread};
+use flexor_sim::simulation::cases;
+use flexor_sim::simulation::closed_loop::{Outcome, RunOptions, Simulation, measurement};
+use flexor_sim::simulation::start::{Start, plant_for};
 use flexor_tests::{paper_arm, paper_task, planned};
 
 fn default_law() -> LawParameters {
@@ -44,7 +51,7 @@ fn paper_plan(tick_rate_hz: u32) -> Plan {
 #[test]
 fn at_the_papers_start_the_poles_are_the_independent_ones() {
     let plan = paper_plan(5000);
-    let variant = PlantVariant::planned(&plan).unwrap();
+    let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
     let point = OperatingPoint::new(&plan, &mut plan.sampler(), &variant, 0.0).unwrap();
     let poles = Linear::new(&variant, &point).unwrap().poles();
     assert_eq!(poles.len(), 14);
@@ -117,6 +124,7 @@ fn nonlinear(
         torque,
         &state,
         &mut slope,
+        &mut Workspace::new(model),
     );
     // The tip's acceleration along the surface, by the change of its velocity.
     let velocity = |angle: [f64; 2], rate: [f64; 2]| {
@@ -159,7 +167,8 @@ fn the_linearisation_is_the_derivative_of_the_constrained_plant() {
             ..PlantParameters::default()
         };
         for (parameters, angle) in [(planned_plant(&plan), 0.0), (rich, 0.03)] {
-            let variant = PlantVariant::new(&plan, &parameters, angle).unwrap();
+            let variant =
+                PlantVariant::new(&plan.model.arm, plan.tick_rate_hz, &parameters, angle).unwrap();
             let mut sampler = plan.sampler();
             for t in [0.0, 0.7, 1.1, 1.6, 2.0] {
                 let point = OperatingPoint::new(&plan, &mut sampler, &variant, t).unwrap();
@@ -223,7 +232,7 @@ fn standing(x: f64) -> Task {
 
 /// Whether a nonlinear simulation of `law`, knocked at its start, grows within `duration`
 /// s: the force error's envelope in the last quarter against that in the second. The
-/// sliding neither grows nor decays.
+/// tangential mode neither grows nor decays.
 fn grows(plan: &Plan, image: &[u8], law: &LawParameters, duration: f64) -> bool {
     let limits = LimitParameters {
         torque_nm: [1e3; 2],
@@ -231,7 +240,7 @@ fn grows(plan: &Plan, image: &[u8], law: &LawParameters, duration: f64) -> bool 
     };
     let table = Table::open(image).unwrap();
     let mut controller = Controller::<f64>::new(&table, &plan.model.arm, law, &limits).unwrap();
-    let mut plant = Plant::new(plan, &planned_plant(plan), Start::Equilibrium).unwrap();
+    let mut plant = plant_for(plan, &planned_plant(plan), Start::Equilibrium).unwrap();
     let mut state = plant.state().to_vec();
     let n = plan.model.dof();
     // Some millinewtons: far above the table's rounding, far below what bends the arm.
@@ -287,13 +296,13 @@ fn rays() -> Vec<LawParameters> {
 
 /// The factor on `law`'s gains at which the predicted loop becomes unstable.
 fn predicted_edge(plan: &Plan, law: &LawParameters) -> f64 {
-    let variant = PlantVariant::planned(plan).unwrap();
-    let spots = path::spots(plan, &variant, &path::times(plan, 2)).unwrap();
+    let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
+    let frozen_points = path::frozen_points(plan, &variant, &path::times(plan, 2)).unwrap();
     let stable = |factor: f64| {
         let law = with_gains_times(law, factor);
-        spots
+        frozen_points
             .iter()
-            .all(|spot| spot.verdict(plan, &law, 0.0).is_stable())
+            .all(|frozen| frozen.verdict(plan, &law, 0.0).is_stable())
     };
     let mut edge = 1e-4;
     assert!(stable(edge), "{law:?}");
@@ -322,14 +331,14 @@ fn compare_edges(tick_rate_hz: u32) {
             ..PlanOptions::default()
         };
         let plan = plan(&paper_arm(), &standing(x), &options).unwrap();
-        let image = table_fit::encode(&plan).unwrap().image;
+        let image = table_fit::fit_table(&plan).unwrap().image;
         let edge = predicted_edge(&plan, ray);
         let beyond = with_gains_times(ray, 1.05 * edge);
-        let variant = PlantVariant::planned(&plan).unwrap();
-        let spots = path::spots(&plan, &variant, &[0.0]).unwrap();
-        let verdict = spots[0].verdict(&plan, &beyond, 0.0);
+        let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
+        let frozen_points = path::frozen_points(&plan, &variant, &[0.0]).unwrap();
+        let verdict = frozen_points[0].verdict(&plan, &beyond, 0.0);
         let growth = verdict.radius.ln() * f64::from(tick_rate_hz);
-        // Long enough to see the predicted growth, and some periods of the sliding.
+        // Long enough to see the predicted growth, and some periods of the tangential mode.
         let duration = (10.0 / growth).clamp(8.0, 200.0);
         for (factor, unstable) in [(0.95, false), (1.05, true)] {
             let law = with_gains_times(ray, factor * edge);
@@ -424,7 +433,10 @@ fn the_default_gains_keep_their_margins_over_path_and_spread() {
         bending_stiffness_scale: vec![0.8, 1.2],
         ..Spread::none()
     };
-    for (name, variant) in other.variants(&plan, &planned_plant(&plan)).unwrap() {
+    for (name, variant) in other
+        .variants(&plan.model.arm, plan.tick_rate_hz, &planned_plant(&plan))
+        .unwrap()
+    {
         let times = path::times(&plan, 11);
         let summary = path::quick_check(&plan, &name, &variant, &law, &times).unwrap();
         assert!(summary.stable, "{summary:?}");
@@ -439,9 +451,8 @@ fn simulated(plan: &Plan, image: &[u8], law: &LawParameters, start: Start) -> [f
         plant: cases::plant(plan.model.elements, 0.9),
         start,
     };
-    let summary = closed_loop::run::<f32>(plan, image, &options)
-        .unwrap()
-        .summary;
+    let mut simulation = Simulation::<f32>::new(plan, image, &options).unwrap();
+    let summary = simulation.run(|_| {}).summary;
     assert_eq!(summary.outcome, Outcome::Completed);
     [summary.force_error_rms, summary.tip_error_rms]
 }
@@ -459,7 +470,13 @@ fn the_default_gains_divide_the_softer_arms_force_error_by_three() {
 #[test]
 fn errors_are_predicted_as_they_are_simulated() {
     let (plan, table) = planned(&paper_arm(), &paper_task());
-    let variant = PlantVariant::new(&plan, &cases::plant(3, 0.9), 0.0).unwrap();
+    let variant = PlantVariant::new(
+        &plan.model.arm,
+        plan.tick_rate_hz,
+        &cases::plant(3, 0.9),
+        0.0,
+    )
+    .unwrap();
     let prediction = Prediction::new(&plan, "softer", &variant).unwrap();
     for law in [LawParameters::FEEDFORWARD, default_law()] {
         let predicted = prediction.errors(&plan, &law);
@@ -509,14 +526,14 @@ fn tuning_is_repeatable_and_keeps_its_margins() {
 fn margins_are_where_the_loop_becomes_unstable() {
     let plan = paper_plan(5000);
     let law = default_law();
-    let variant = PlantVariant::planned(&plan).unwrap();
-    let spots = path::spots(&plan, &variant, &[0.0, 1.0, 1.9]).unwrap();
-    for spot in spots {
-        let gain = spot.gain_margin_db(&plan, &law, 2.5, path::GAIN_MARGIN_MAX_DB);
-        let delay = spot.delay_margin_ticks(&plan, &law, path::DELAY_MARGIN_MAX_TICKS);
+    let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
+    let frozen_points = path::frozen_points(&plan, &variant, &[0.0, 1.0, 1.9]).unwrap();
+    for frozen in frozen_points {
+        let gain = frozen.gain_margin_db(&plan, &law, 2.5, path::GAIN_MARGIN_MAX_DB);
+        let delay = frozen.delay_margin_ticks(&plan, &law, path::DELAY_MARGIN_MAX_TICKS);
         let stable = |db: f64, delay: f64| {
             let law = with_gains_times(&law, 10f64.powf(db / 20.0));
-            spot.verdict(&plan, &law, delay).is_stable()
+            frozen.verdict(&plan, &law, delay).is_stable()
         };
         assert!(
             stable(gain - 0.02, 0.0) && !stable(gain + 0.02, 0.0),
@@ -580,9 +597,9 @@ fn gains_that_no_controller_has_are_refused_by_name() {
 }
 
 #[test]
-fn the_printed_linearisation_misses_the_sliding() {
+fn the_printed_linearisation_misses_the_tangential_mode() {
     let plan = paper_plan(5000);
-    let variant = PlantVariant::planned(&plan).unwrap();
+    let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
     let point = OperatingPoint::new(&plan, &mut plan.sampler(), &variant, 0.0).unwrap();
     let law = LawParameters {
         force_derivative_s: 1e-3,
@@ -601,7 +618,7 @@ fn the_printed_linearisation_misses_the_sliding() {
         let singular = pencil.svd(false, false).singular_values;
         assert!(singular.min() < 1e-6 * singular.max(), "{pole}");
     }
-    // No pair near the sliding of the whole arm.
+    // No pair near the tangential mode of the whole arm.
     assert!(
         poles.iter().all(|p| (p - exact[0]).norm() > 1.0),
         "{poles:?}"

@@ -3,25 +3,34 @@
 use crate::board::Clocks;
 use crate::board::constants::{DRIVE_LIMIT_NM, SAFETY, TICK_RATE_HZ};
 use crate::{flash_slots, identity, log, stack};
-use flexor::control::Controller;
 use flexor::link::{
-    FRAME_MAX, FrameErrors, Identity, Reply, Request, Setup, StartReason, Status, encode,
+    FRAME_MAX, FrameErrors, Identity, Mode, Refusal, Reply, Request, Setup, StartReason, Status,
+    encode,
 };
-use flexor::link::{Mode, Refusal};
 use flexor::supervisor::{
-    ControllerSlot, Supervisor, check_enable, check_torque_bound, select_table,
+    ControllerParameters, ControllerSlot, Supervisor, SupervisorStatus, check_enable,
+    check_torque_bound, select_table,
 };
 use flexor::table::{Slot, Table, TableIdentity};
 use rtic::Mutex;
 
-/// What the main loop knows.
+/// What the line from the host has lost since start.
+#[derive(Clone, Copy)]
+pub struct LineErrors {
+    /// Frames that were dropped.
+    pub frames: FrameErrors,
+    /// Bytes that overran the line or the receive queue.
+    pub bytes_lost: u32,
+}
+
+/// State of the request handler, in the main loop at priority 0.
 pub struct Comms {
-    setup: Option<Setup>,
+    parameters: Option<ControllerParameters>,
     clocks: Clocks,
     counts_per_1000_nops: u32,
     start: StartReason,
-    /// Where the next controller is made, away from the tick's.
-    prepared: &'static mut ControllerSlot<'static>,
+    /// Where the next controller is made, apart from the tick's.
+    prepared: ControllerSlot<'static>,
 }
 
 impl Comms {
@@ -30,10 +39,10 @@ impl Comms {
         clocks: &Clocks,
         counts_per_1000_nops: u32,
         start: StartReason,
-        prepared: &'static mut ControllerSlot<'static>,
+        prepared: ControllerSlot<'static>,
     ) -> Self {
         Self {
-            setup: flash_slots::setup(),
+            parameters: flash_slots::setup().map(|setup| ControllerParameters::from(&setup)),
             clocks: *clocks,
             counts_per_1000_nops,
             start,
@@ -44,10 +53,10 @@ impl Comms {
     /// Who this is; opens both slots.
     pub fn identity(&self) -> Reply {
         defmt::info!("start: {}, clock: {}", self.start, self.clocks.source);
-        let arm_fingerprint = self.setup.map(|setup| setup.arm.fingerprint());
-        // Without an arm no table fits; 0 stands for it as good as any number.
+        let arm_fingerprint = self.parameters.map(|own| own.arm.fingerprint());
+        // Without an arm every table is refused.
         let slots = Slot::ALL.map(|slot| {
-            let table = flash_slots::open(slot, arm_fingerprint.unwrap_or(0));
+            let table = flash_slots::open(slot, arm_fingerprint);
             match &table {
                 Ok(table) => defmt::info!("slot {}: table {=u32:#x}", slot, table.crc()),
                 Err(error) => defmt::info!("slot {}: no usable table, {}", slot, error),
@@ -69,19 +78,20 @@ impl Comms {
         })
     }
 
-    /// Does what is asked and says so. `pend` requests the tick's interrupt.
+    /// Executes a request and returns its reply. `line` is what was lost so far;
+    /// `pend` triggers the tick's interrupt.
     pub fn answer(
         &mut self,
         request: &Request,
         supervisor: &mut impl Mutex<T = Supervisor<'static>>,
-        lost: (FrameErrors, u32),
+        line: LineErrors,
         pend: impl Fn(),
     ) -> Reply {
         supervisor.lock(Supervisor::link_alive);
         let done = match *request {
             Request::Hello => return self.identity(),
-            Request::Status => return status(supervisor, lost),
-            Request::Sensors => return Reply::Sensors(supervisor.lock(|c| c.sensors())),
+            Request::Status => return status(supervisor, line),
+            Request::Sensors => return Reply::Sensors(supervisor.lock(|s| s.sensors())),
             Request::Enable { slot } => match self.enable(slot, supervisor) {
                 Ok((slot, table)) => return Reply::Enabled { slot, table },
                 Err(refusal) => Err(refusal),
@@ -103,21 +113,12 @@ impl Comms {
                     Err(refusal) => Err(refusal),
                 }
             }
-            Request::StopLockStep => {
-                let running = supervisor.lock(|c| c.report().0 == Mode::LockStep);
-                if running {
-                    supervisor.lock(Supervisor::disable);
-                    pend();
-                    Ok(())
-                } else {
-                    Err(Refusal::NotInLockStep)
-                }
-            }
+            Request::StopLockStep => supervisor.lock(Supervisor::stop_lock_step).map(|()| pend()),
             Request::Measured { sequence, measured } => {
-                if supervisor.lock(|c| c.post_measurement(sequence, measured)) {
+                if supervisor.lock(|s| s.post_measurement(sequence, measured)) {
                     // The tick comes at once, being of higher priority.
                     pend();
-                    return Reply::Command(supervisor.lock(|c| c.last_reply()));
+                    return Reply::Command(supervisor.lock(|s| s.last_reply()));
                 }
                 Err(Refusal::NotInLockStep)
             }
@@ -136,19 +137,19 @@ impl Comms {
         slot: Option<Slot>,
         supervisor: &mut impl Mutex<T = Supervisor<'static>>,
     ) -> Result<(Slot, TableIdentity), Refusal> {
-        if supervisor.lock(|c| c.report().0) != Mode::Disabled {
+        if supervisor.lock(|s| s.status().mode) != Mode::Disabled {
             return Err(Refusal::Busy);
         }
-        let mut setup = self.setup.ok_or(Refusal::NoSetup)?;
-        setup.limits = setup.limits.at_most(DRIVE_LIMIT_NM);
-        let fingerprint = setup.arm.fingerprint();
+        let mut parameters = self.parameters.ok_or(Refusal::NoSetup)?;
+        parameters.limits = parameters.limits.at_most(DRIVE_LIMIT_NM);
+        let fingerprint = Some(parameters.arm.fingerprint());
         let (slot, table) = select_table(slot, |slot| flash_slots::open(slot, fingerprint))?;
         let first_row = table.cursor().row();
-        let standing = supervisor.lock(|c| c.enable_inputs());
-        check_enable(&SAFETY, &standing, &first_row)?;
-        check_torque_bound(table.torque_bound(), &setup.limits)?;
-        self.prepare(&table, &setup)?;
-        supervisor.lock(|c| c.enable(&mut self.prepared));
+        let inputs = supervisor.lock(|s| s.enable_inputs());
+        check_enable(&SAFETY, &inputs, &first_row)?;
+        check_torque_bound(table.torque_bound(), &parameters.limits)?;
+        self.prepare(&table, &parameters)?;
+        supervisor.lock(|s| s.enable(&mut self.prepared))?;
         defmt::info!("enabled, slot {}: table {=u32:#x}", slot, table.crc());
         Ok((slot, TableIdentity::from(&table)))
     }
@@ -159,26 +160,40 @@ impl Comms {
         setup: &Setup,
         supervisor: &mut impl Mutex<T = Supervisor<'static>>,
     ) -> Result<TableIdentity, Refusal> {
-        if supervisor.lock(|c| c.report().0) == Mode::Enabled {
+        if supervisor.lock(|s| s.status().mode) == Mode::Enabled {
             return Err(Refusal::Busy);
         }
-        let table = flash_slots::open(slot, setup.arm.fingerprint()).map_err(Refusal::Table)?;
-        self.prepare(&table, setup)?;
-        supervisor.lock(|c| c.start_lock_step(&mut self.prepared));
+        let parameters = ControllerParameters::from(setup);
+        let fingerprint = Some(parameters.arm.fingerprint());
+        let table = flash_slots::open(slot, fingerprint).map_err(Refusal::Table)?;
+        self.prepare(&table, &parameters)?;
+        supervisor.lock(|s| s.start_lock_step(&mut self.prepared))?;
         Ok(TableIdentity::from(&table))
     }
 
     /// Makes the next controller, with no lock held.
-    fn prepare(&mut self, table: &Table<'static>, setup: &Setup) -> Result<(), Refusal> {
-        let controller = Controller::new(table, &setup.arm, &setup.law, &setup.limits)
+    fn prepare(
+        &mut self,
+        table: &Table<'static>,
+        parameters: &ControllerParameters,
+    ) -> Result<(), Refusal> {
+        let controller = parameters
+            .controller(table)
             .map_err(|error| Refusal::Table(error.into()))?;
-        *self.prepared = Some(controller);
+        self.prepared.put(controller);
         Ok(())
     }
 }
 
-fn status(supervisor: &mut impl Mutex<T = Supervisor<'static>>, lost: (FrameErrors, u32)) -> Reply {
-    let (mode, tick, fault, ticks_total, counts_max) = supervisor.lock(|c| c.report());
+/// How the board is: the supervisor's status, and what only the board knows.
+fn status(supervisor: &mut impl Mutex<T = Supervisor<'static>>, line: LineErrors) -> Reply {
+    let SupervisorStatus {
+        mode,
+        tick,
+        fault,
+        ticks_total,
+        counts_max,
+    } = supervisor.lock(|s| s.status());
     Reply::Status(Status {
         mode,
         tick,
@@ -186,8 +201,8 @@ fn status(supervisor: &mut impl Mutex<T = Supervisor<'static>>, lost: (FrameErro
         ticks_total,
         counts_max,
         stack_bytes: stack::deepest(),
-        frame_errors: lost.0,
-        bytes_lost: lost.1,
+        frame_errors: line.frames,
+        bytes_lost: line.bytes_lost,
         logs_lost: log::lost(),
     })
 }

@@ -42,10 +42,11 @@ fn region(slot: Slot) -> &'static [u8] {
     unsafe { core::slice::from_raw_parts(start, length.addr()) }
 }
 
-/// Opens a slot's table, all checks made, for the arm with this fingerprint.
+/// Opens a slot's table, all checks made, for the arm with this fingerprint; without one
+/// every table is refused.
 ///
 /// # Errors
 /// The first [`SlotError`] that applies.
-pub fn open(slot: Slot, arm_fingerprint: u32) -> Result<Table<'static>, SlotError> {
+pub fn open(slot: Slot, arm_fingerprint: Option<u32>) -> Result<Table<'static>, SlotError> {
     open_slot(region(slot), arm_fingerprint, TICK_RATE_HZ)
 }

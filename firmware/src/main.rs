@@ -1,5 +1,4 @@
-//! Flexor's firmware: the control tick of `shared`, fed by a board or, in lock-step, by a
-//! host.
+//! Flexor's firmware: the supervisor's tick, fed by a board or, in lock-step, by a host.
 //!
 //! | priority | what | where |
 //! |---|---|---|
@@ -9,8 +8,9 @@
 //!
 //! RTIC 2 schedules them: its priority ceilings prove at compile time that the tick
 //! shares data with the main loop only under a lock, which in the tick itself never waits
-//! and costs a dozen instructions. Locks in the main loop copy one small struct or exchange two references;
-//! `cargo xtask budget` counts the instructions of every stretch with interrupts held off.
+//! and costs a dozen instructions. Locks in the main loop copy one small struct or exchange
+//! two references; `cargo xtask budget` counts the instructions of every stretch with
+//! interrupts held off.
 
 #![no_std]
 #![no_main]
@@ -19,23 +19,19 @@ mod board;
 mod comms;
 mod crash_record;
 mod flash_slots;
+mod identity;
 mod log;
 mod stack;
 
-/// Which sources this was built from.
-mod identity {
-    include!(concat!(env!("OUT_DIR"), "/identity.rs"));
-}
-
 /// Stopwatch counts that 1,000 `nop` instructions take, with no interrupt between.
-fn calibrate(stopwatch: &impl flexor::supervisor::Stopwatch) -> u32 {
-    let begun = stopwatch.counts();
+fn calibrate(board: &impl flexor::supervisor::Board) -> u32 {
+    let begun = board.stopwatch();
     // SAFETY: assembles to 1,000 nops and nothing else.
     unsafe { core::arch::asm!(".rept 1000", "nop", ".endr", options(nomem, nostack)) };
-    let counts = stopwatch.counts().wrapping_sub(begun);
+    let counts = board.stopwatch().wrapping_sub(begun);
     // Less what two readings of the stopwatch take by themselves.
-    let begun = stopwatch.counts();
-    counts.wrapping_sub(stopwatch.counts().wrapping_sub(begun))
+    let begun = board.stopwatch();
+    counts.wrapping_sub(board.stopwatch().wrapping_sub(begun))
 }
 
 #[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]
@@ -43,10 +39,11 @@ mod app {
     use crate::board::constants::{
         CALIBRATION, RECEIVE_QUEUE, SAFETY, TICK_RATE_HZ, TRANSMIT_QUEUE, WAKE_CYCLES,
     };
-    use crate::board::{Board, Serial, TickBoard, Watchdog};
-    use crate::comms::Comms;
+    use crate::board::{Peripherals, Serial, TickBoard, Watchdog};
+    use crate::comms::{Comms, LineErrors};
     use crate::{calibrate, comms, crash_record, log, stack};
     use cortex_m::peripheral::syst::SystClkSource;
+    use flexor::control::Controller;
     use flexor::link::{FRAME_MAX, Mode, Receiver, Reply, Request};
     use flexor::supervisor::{ControllerSlot, Supervisor};
     use heapless::spsc::{Consumer, Producer, Queue};
@@ -74,17 +71,18 @@ mod app {
     #[init(local = [
         receive: Queue<u8, RECEIVE_QUEUE> = Queue::new(),
         transmit: Queue<u8, TRANSMIT_QUEUE> = Queue::new(),
-        running: ControllerSlot<'static> = None,
-        prepared: ControllerSlot<'static> = None,
+        running: Option<Controller<'static, f32>> = None,
+        prepared: Option<Controller<'static, f32>> = None,
     ])]
     fn init(context: init::Context) -> (Shared, Local) {
         stack::paint();
         let mut core = context.core;
-        let mut board = Board::new(context.device, &mut core.DCB, &mut core.DWT);
-        let start = crash_record::take(board.watchdog_reset);
-        let nops = calibrate(&board.tick.stopwatch);
-        let comms = Comms::new(&board.clocks, nops, start, context.local.prepared);
-        let mut watchdog = board.watchdog;
+        let mut peripherals = Peripherals::new(context.device, &mut core.DCB, &mut core.DWT);
+        let start = crash_record::take(peripherals.watchdog_reset);
+        let nops = calibrate(&peripherals.tick);
+        let prepared = ControllerSlot::new(context.local.prepared);
+        let comms = Comms::new(&peripherals.clocks, nops, start, prepared);
+        let mut watchdog = peripherals.watchdog;
         watchdog.start();
         let mut systick = core.SYST;
         systick.set_clock_source(SystClkSource::Core);
@@ -96,8 +94,8 @@ mod app {
         let (to_host, to_send) = context.local.transmit.split();
         let shared = Shared {
             supervisor: Supervisor::new(
-                &mut board.tick,
-                context.local.running,
+                &mut peripherals.tick,
+                ControllerSlot::new(context.local.running),
                 &SAFETY,
                 &CALIBRATION,
                 TICK_RATE_HZ,
@@ -105,8 +103,8 @@ mod app {
             bytes_lost: 0,
         };
         let local = Local {
-            board: board.tick,
-            serial: board.serial,
+            board: peripherals.tick,
+            serial: peripherals.serial,
             watchdog,
             comms,
             received,
@@ -179,13 +177,13 @@ mod app {
             if supervisor.lock(Supervisor::tick_advanced) {
                 local.watchdog.feed();
             }
-            let (mode, _, latched, ..) = supervisor.lock(|supervisor| supervisor.report());
-            if debuggable != (mode != Mode::Enabled) {
+            let status = supervisor.lock(|supervisor| supervisor.status());
+            if debuggable != (status.mode != Mode::Enabled) {
                 debuggable = !debuggable;
                 local.watchdog.wait_for_debugger(debuggable);
             }
-            if fault != latched {
-                fault = latched;
+            if fault != status.fault {
+                fault = status.fault;
                 match fault {
                     Some(fault) => defmt::error!("stopped by {}, drives off", fault),
                     None => defmt::info!("fault acknowledged"),
@@ -208,16 +206,16 @@ mod app {
                 continue;
             };
             if let Some(request) = receiver.push::<Request>(byte) {
-                let lost = context.shared.bytes_lost.lock(|count| *count);
-                let reply =
-                    local
-                        .comms
-                        .answer(&request, supervisor, (receiver.errors(), lost), || {
-                            rtic::pend(Interrupt::TIM2);
-                            // Taken before anything that follows.
-                            cortex_m::asm::dsb();
-                            cortex_m::asm::isb();
-                        });
+                let line = LineErrors {
+                    frames: receiver.errors(),
+                    bytes_lost: context.shared.bytes_lost.lock(|count| *count),
+                };
+                let reply = local.comms.answer(&request, supervisor, line, || {
+                    rtic::pend(Interrupt::TIM2);
+                    // Taken before anything that follows.
+                    cortex_m::asm::dsb();
+                    cortex_m::asm::isb();
+                });
                 send(to_host, &reply);
             }
         }

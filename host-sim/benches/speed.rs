@@ -1,14 +1,16 @@
 //! How long planning, simulating and examining the paper's task takes: `cargo bench`.
 
-use flexor_sim::analysis::stability::linear::{Linear, OperatingPoint, PlantVariant};
+use flexor_sim::analysis::stability::linear::{Linear, OperatingPoint};
 use flexor_sim::analysis::stability::path::Report;
 use flexor_sim::files::config;
 use flexor_sim::planner::limits::default_limits;
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::table_fit;
-use flexor_sim::plant::{Plant, PlantParameters, Start};
-use flexor_sim::simulation::closed_loop::RunOptions;
-use flexor_sim::simulation::{cases, closed_loop};
+use flexor_sim::plant::PlantParameters;
+use flexor_sim::plant::spread::PlantVariant;
+use flexor_sim::simulation::cases;
+use flexor_sim::simulation::closed_loop::{RunOptions, Simulation};
+use flexor_sim::simulation::start::{Start, plant_for};
 
 fn main() {
     divan::main();
@@ -33,7 +35,7 @@ fn plan_the_papers_path(duration: f64) -> Plan {
 #[divan::bench]
 fn encode_the_table(bencher: divan::Bencher<'_, '_>) {
     let plan = paper(2.0);
-    bencher.bench(|| table_fit::encode(&plan));
+    bencher.bench(|| table_fit::fit_table(&plan));
 }
 
 /// The plant alone: 2 s at 5 kHz ticks, single thread.
@@ -45,7 +47,7 @@ fn simulate_2_s(bencher: divan::Bencher<'_, '_>, elements: usize) {
         ..PlantParameters::default()
     };
     bencher.bench(|| {
-        let mut plant = Plant::new(&plan, &parameters, Start::PlanAtRest).expect("a plant");
+        let mut plant = plant_for(&plan, &parameters, Start::PlanAtRest).expect("a plant");
         for point in &plan.points {
             plant.advance(point.torque);
         }
@@ -57,7 +59,7 @@ fn simulate_2_s(bencher: divan::Bencher<'_, '_>, elements: usize) {
 #[divan::bench(args = [3, 8])]
 fn run_2_s_in_closed_loop(bencher: divan::Bencher<'_, '_>, elements: usize) {
     let plan = paper(2.0);
-    let image = table_fit::encode(&plan).expect("a table").image;
+    let image = table_fit::fit_table(&plan).expect("a table").image;
     let law = config::parse_controller("example", config::DEFAULT_CONTROLLER).expect("valid");
     let options = RunOptions {
         law,
@@ -65,14 +67,17 @@ fn run_2_s_in_closed_loop(bencher: divan::Bencher<'_, '_>, elements: usize) {
         plant: cases::plant(elements, 0.9),
         start: Start::PlanAtRest,
     };
-    bencher.bench(|| closed_loop::run::<f32>(&plan, &image, &options));
+    bencher.bench(|| {
+        let mut simulation = Simulation::<f32>::new(&plan, &image, &options).expect("a simulation");
+        simulation.run(|_| {})
+    });
 }
 
 /// Linearisation of the 3-element plant at one point, by dual numbers.
 #[divan::bench]
 fn linearise_at_a_point(bencher: divan::Bencher<'_, '_>) {
     let plan = paper(2.0);
-    let variant = PlantVariant::planned(&plan).expect("a model");
+    let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
     let point = OperatingPoint::new(&plan, &mut plan.sampler(), &variant, 0.7).expect("a point");
     bencher.bench(|| Linear::new(&variant, &point));
 }

@@ -12,15 +12,24 @@
 //! | [`analysis`] | stability and tuning; range analysis and accuracy of the number types |
 //! | [`target`] | the firmware's image in QEMU, or a board: requests, answers, comparison |
 //! | [`files`] | the user's files, checked; results as CSV and JSON |
-//! | [`report`] | pictures and a page |
-//! | [`cli`] | the command line |
+//! | `report` | pictures and a page |
+//! | `cli` | the command line |
+//!
+//! The features `report` (pictures and pages), `tune` (the search for gains), `target` and
+//! `cli` can each be left out with what they need; `files` writes results with `export`, and
+//! the analysis of stability is there with `stability`, which those who need them switch on.
+
+// Tests may compare with the platform's functions.
+#![cfg_attr(test, allow(clippy::disallowed_methods))]
 
 pub mod analysis;
+#[cfg(feature = "cli")]
 pub mod cli;
 pub mod files;
 pub mod model;
 pub mod planner;
 pub mod plant;
+#[cfg(feature = "report")]
 pub mod report;
 pub mod simulation;
 pub mod target;

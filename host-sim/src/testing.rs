@@ -3,19 +3,7 @@
 use flexor::model::{ArmParameters, Elbow};
 
 /// The paper's arm (Table 1), elbow down.
-pub(crate) const PAPER: ArmParameters = ArmParameters {
-    link1_length_m: 0.5,
-    link1_mass_kg: 8.0,
-    link2_length_m: 0.55,
-    link2_mass_kg: 0.24,
-    bending_stiffness_nm2: 0.48,
-    damping_ratio: 0.05,
-    root_inertia_kgm2: 0.0,
-    tip_mass_kg: 0.0,
-    tip_inertia_kgm2: 0.0,
-    gravity_m_s2: [0.0, 9.81],
-    elbow: Elbow::Down,
-};
+pub(crate) const PAPER: ArmParameters = ArmParameters::PAPER;
 
 /// The paper's arm and one with every optional part, other proportions and tilted
 /// gravity.

@@ -25,7 +25,9 @@ pub(crate) fn four_digits(number: f64) -> Shortest {
     Shortest(format!("{number:.3e}").parse().unwrap_or(number))
 }
 
-/// A computed number, to four digits and away from zero: what is named as enough is enough.
+/// A computed number, to four digits and rounded away from zero, so that a printed bound is
+/// never too small.
+#[cfg(any(feature = "cli", test))]
 pub(crate) fn round_away_from_zero(number: f64) -> Shortest {
     let Shortest(rounded) = four_digits(number);
     if rounded.abs() < number.abs() {

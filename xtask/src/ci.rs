@@ -5,7 +5,6 @@ use anyhow::Result;
 use std::process::Command;
 
 fn cargo(arguments: &[&str]) -> Result<()> {
-    println!("cargo {}", arguments.join(" "));
     run(Command::new("cargo").current_dir(root()).args(arguments))
 }
 
@@ -26,6 +25,8 @@ pub(crate) fn test() -> Result<()> {
             "flexor-tests",
             "--test",
             "firmware",
+            "--test",
+            "pil",
             "--package",
             "flexor-sim",
             "--test",
@@ -35,6 +36,18 @@ pub(crate) fn test() -> Result<()> {
         ])
         .env("FLEXOR_ELF", elf);
     run(&mut tests)
+}
+
+/// Checks the host's library with each of its optional parts alone, and with none: in each no
+/// warning.
+fn features() -> Result<()> {
+    for feature in ["", "cli", "report", "tune", "target"] {
+        run(Command::new("cargo")
+            .current_dir(root())
+            .args(["clippy", "--package", "flexor-sim", "--no-default-features"])
+            .args(["--features", feature, "--", "-D", "warnings"]))?;
+    }
+    Ok(())
 }
 
 /// Formats, lints, tests, bit identity, budget.
@@ -51,6 +64,7 @@ pub(crate) fn ci() -> Result<()> {
         "-D",
         "warnings",
     ])?;
+    features()?;
     firmware::clippy()?;
     replay::clippy()?;
     test()?;

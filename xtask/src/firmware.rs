@@ -2,9 +2,10 @@
 
 use crate::inputs::{Demo, Files, TICK_RATE_HZ};
 use crate::setup::{TARGET, Toolchain};
-use crate::{image, inputs, output, root, run};
+use crate::{announce, image, inputs, output, root, run};
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
+use flexor::link::Setup;
 use flexor::table::Table;
 use flexor_sim::target::{SLOT_ADDRESSES, SLOT_BYTES};
 use std::path::{Path, PathBuf};
@@ -19,12 +20,13 @@ pub(crate) fn target_folder() -> PathBuf {
 /// cargo with `verb` for the firmware's image around these files, told where table and setup
 /// are.
 fn cargo(verb: &str, files: &Files) -> Result<Command> {
-    let toolchain = Toolchain::find()
-        .with_context(|| format!("no toolchain has {TARGET}: run `cargo xtask setup`"))?;
+    let toolchain = Toolchain::wanted()?;
     let out = target_folder().join("firmware");
     fs::create_dir_all(&out)?;
+    announce("planning the image's table");
     let Demo { table, setup, .. } = inputs::plan_files(files)?;
     let mut buffer = [0; 256];
+    let setup = Setup::from(&setup);
     let setup = setup.encode(&mut buffer)?;
     let mut command = toolchain.command("cargo");
     command

@@ -1,16 +1,16 @@
-//! What an image is built for: arm, task and gains, without a wish those of the examples.
+//! What an image is built for: arm, task and gains, by default those in examples/.
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use flexor::link::Setup;
-use flexor::supervisor::check_torque_bound;
+use flexor::supervisor::{ControllerParameters, check_torque_bound};
 use flexor::table::Table;
 use flexor_sim::files::config;
 use flexor_sim::planner::limits::default_limits;
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
-use flexor_sim::planner::table_fit::{EncodedTable, encode};
-use flexor_sim::plant::{PlantParameters, Start};
+use flexor_sim::planner::table_fit::{EncodedTable, fit_table};
+use flexor_sim::plant::PlantParameters;
 use flexor_sim::simulation::closed_loop::RunOptions;
+use flexor_sim::simulation::start::Start;
 use flexor_sim::target::SLOT_BYTES;
 use std::path::PathBuf;
 
@@ -39,7 +39,7 @@ pub(crate) struct Demo {
     /// Its table.
     pub(crate) table: EncodedTable,
     /// Arm, gains and limits.
-    pub(crate) setup: Setup,
+    pub(crate) setup: ControllerParameters,
 }
 
 /// The example task, planned.
@@ -67,7 +67,7 @@ pub(crate) fn plan_files(files: &Files) -> Result<Demo> {
     };
     let plan = plan(&arm.arm, &task, &options)?;
     let limits = arm.limits.unwrap_or_else(|| default_limits(&plan));
-    let table = encode(&plan)?;
+    let table = fit_table(&plan)?;
     // As the board does before it enables, where the drives may allow less.
     check_torque_bound(Table::open(&table.image)?.torque_bound(), &limits)
         .context("limits.torque_Nm: a longer duration_s may need less")?;
@@ -76,7 +76,7 @@ pub(crate) fn plan_files(files: &Files) -> Result<Demo> {
         bytes <= SLOT_BYTES,
         "the table has {bytes} bytes, a slot takes {SLOT_BYTES}: a shorter duration_s is accepted"
     );
-    let setup = Setup {
+    let setup = ControllerParameters {
         arm: arm.arm,
         law,
         limits,
@@ -86,7 +86,7 @@ pub(crate) fn plan_files(files: &Files) -> Result<Demo> {
 
 /// How the demo runs: against an arm of a tenth less stiffness, so that the feedback
 /// has work to do.
-pub(crate) fn options(setup: &Setup) -> RunOptions {
+pub(crate) fn options(setup: &ControllerParameters) -> RunOptions {
     RunOptions {
         law: setup.law,
         limits: setup.limits,

@@ -5,6 +5,7 @@ mod ci;
 mod firmware;
 mod image;
 mod inputs;
+mod limits;
 mod pil;
 mod replay;
 mod setup;
@@ -12,7 +13,7 @@ mod setup;
 use anyhow::{Context, Result, ensure};
 use clap::{Parser, Subcommand};
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 /// Flexor's chores.
 #[derive(Parser)]
@@ -47,8 +48,8 @@ enum Verb {
     /// command compared bit by bit.
     #[command(disable_help_flag = true)]
     Pil(pil::Options),
-    /// Hold flash, RAM, stack and instructions per tick against firmware/budget.toml, and
-    /// check that the tick cannot panic.
+    /// Hold flash, RAM, stack and instructions per tick against the limits in
+    /// firmware/budget.toml, and check that the tick cannot panic.
     Budget(budget::Options),
     /// Replay the demo on Cortex-M0 and M3 in QEMU, in fixed point and in emulated f32, and
     /// hold what it takes against firmware/replay/budget.toml.
@@ -83,13 +84,38 @@ fn root() -> PathBuf {
         .unwrap_or_default()
 }
 
-/// Runs a command to its end.
+/// Says on standard error what is being done.
+fn announce(what: &str) {
+    eprintln!("xtask: {what}");
+}
+
+/// A command as one would type it.
+fn shown(command: &Command) -> String {
+    let words = std::iter::once(command.get_program()).chain(command.get_args());
+    let words: Vec<_> = words.map(|word| word.to_string_lossy()).collect();
+    words.join(" ")
+}
+
+/// Says what is run, and runs it to its end.
 fn run(command: &mut Command) -> Result<()> {
+    announce(&shown(command));
     let status = command
         .status()
         .with_context(|| format!("cannot start {}", command.get_program().display()))?;
-    ensure!(status.success(), "{command:?} ended with {status}");
+    ensure!(status.success(), "{} ended with {status}", shown(command));
     Ok(())
+}
+
+/// Says what is run, runs it to its end, and returns its standard output.
+fn output_or_error(command: &mut Command) -> Result<String> {
+    announce(&shown(command));
+    let output = command
+        .stderr(Stdio::inherit())
+        .output()
+        .with_context(|| format!("cannot start {}", command.get_program().display()))?;
+    let status = output.status;
+    ensure!(status.success(), "{} ended with {status}", shown(command));
+    Ok(String::from_utf8(output.stdout)?)
 }
 
 /// A command's standard output; `None` if it cannot be run or fails.

@@ -1,9 +1,11 @@
 //! Builds the image and runs `flexor pil` with it.
 
-use crate::{firmware, root};
-use anyhow::{Result, ensure};
+use crate::{announce, firmware, root, run};
+use anyhow::Result;
 use clap::Args;
 use std::ffi::OsString;
+use std::path::Path;
+use std::process::Command;
 
 /// Options of the verb `pil`.
 #[derive(Args, Default)]
@@ -17,30 +19,38 @@ pub(crate) struct Options {
 /// Runs it and fails on any differing bit.
 pub(crate) fn pil(options: &Options) -> Result<()> {
     if !options.arguments.is_empty() {
-        return flexor(options.arguments.clone());
+        let named = |a: &OsString| a == "--elf" || a.to_string_lossy().starts_with("--elf=");
+        // The image that is built from these sources, unless another is named.
+        let elf = match options.arguments.iter().any(named) {
+            true => None,
+            false => Some(firmware::build()?),
+        };
+        return run(flexor(elf.as_deref()).args(&options.arguments));
     }
+    let elf = firmware::build()?;
     let out = root().join("out/pil");
     for (task, random) in [("task.toml", "0"), ("task_fast.toml", "2000")] {
+        announce(&format!("processor in the loop, examples/{task}"));
         // The softer plant gives the feedback work to do.
-        let mut arguments: Vec<OsString> = ["--bending-stiffness-scale", "0.9", "--random", random]
-            .map(Into::into)
-            .to_vec();
-        arguments.extend(["--task".into(), root().join("examples").join(task).into()]);
-        arguments.extend(["--out".into(), out.join(task).with_extension("").into()]);
-        flexor(arguments)?;
+        run(flexor(Some(&elf))
+            .args(["--bending-stiffness-scale", "0.9", "--random", random])
+            .arg("--task")
+            .arg(root().join("examples").join(task))
+            .arg("--out")
+            .arg(out.join(task).with_extension("")))?;
     }
     Ok(())
 }
 
-/// `flexor pil` with the image that is built from these sources, unless another is named.
-fn flexor(arguments: Vec<OsString>) -> Result<()> {
-    let mut line: Vec<OsString> = vec!["flexor".into(), "pil".into()];
-    let named = |a: &OsString| a == "--elf" || a.to_string_lossy().starts_with("--elf=");
-    if !arguments.iter().any(named) {
-        line.extend(["--elf".into(), firmware::build()?.into()]);
+/// `flexor pil`, built where it is not, with an image or without one named.
+pub(crate) fn flexor(elf: Option<&Path>) -> Command {
+    let mut command = Command::new("cargo");
+    let manifest = root().join("Cargo.toml");
+    command.args(["run", "--release", "--package", "flexor-sim"]);
+    command.arg("--manifest-path").arg(manifest);
+    command.args(["--bin", "flexor", "--", "pil"]);
+    if let Some(elf) = elf {
+        command.arg("--elf").arg(elf);
     }
-    line.extend(arguments);
-    let code = flexor_sim::cli::run(line);
-    ensure!(code == 0, "flexor pil ended with exit code {code}");
-    Ok(())
+    command
 }

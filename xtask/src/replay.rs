@@ -4,8 +4,9 @@
 //! held against `firmware/replay/budget.toml`.
 
 use crate::inputs::Demo;
+use crate::limits::{self, Figures};
 use crate::setup::Toolchain;
-use crate::{firmware, inputs, root, run};
+use crate::{announce, firmware, inputs, root, run};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use flexor::control::{Coefficients, Command};
@@ -14,10 +15,8 @@ use flexor::number::fixed::Fixed;
 use flexor::signals::{Formats, Measurement, Saturation};
 use flexor_sim::analysis::fixed_point::accuracy::run_fixed;
 use flexor_sim::analysis::fixed_point::range;
-use flexor_sim::simulation::closed_loop::run_with;
+use flexor_sim::simulation::closed_loop::Simulation;
 use object::{Object, ObjectSymbol};
-use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::{Duration, Instant};
@@ -26,7 +25,7 @@ use std::{fs, thread};
 /// Options of the verb `replay`.
 #[derive(Args, Default)]
 pub(crate) struct Options {
-    /// Write what was measured to the golden file.
+    /// Write what was measured into the file, as the figures of the compiler in use.
     #[arg(long)]
     update: bool,
     /// Print one JSON object.
@@ -46,93 +45,50 @@ const IMAGES: [&str; 2] = ["fixed", "float"];
 /// Longest run of one image. The slowest, f32 on the Cortex-M0, takes a fifth of it.
 const PATIENCE: Duration = Duration::from_secs(300);
 
-/// What must hold: entry and most.
-const BARS: [(&str, u64); 2] = [
-    ("m0_fixed_instructions_median", 4000),
-    ("m3_fixed_instructions_median", 900),
-];
-
 /// How many times more instructions emulated f32 takes at least.
 const GAIN_MIN: u64 = 4;
 
-/// Excess over the golden file that passes, percent, as for the firmware.
-const TOLERANCE_PERCENT: u64 = 3;
+/// What a replay that comes to its end has shown.
+pub(crate) const EQUAL: &str =
+    "every bit of every tick is the host's; no float routine in fixed point";
 
-/// Measured figures by name: `<core>_<image>_<figure>`.
-pub(crate) type Figures = BTreeMap<String, u64>;
-
-/// Replays, compares, holds against the golden file.
+/// Replays, compares, holds against the limits.
 pub(crate) fn run_verb(options: &Options) -> Result<()> {
+    let compiler = Toolchain::wanted()?.version()?;
     let figures = measure()?;
+    let file = root().join("firmware/replay/budget.toml");
+    let mut verdict = limits::hold(&file, &figures, &compiler, options.update)?;
     if options.json {
         println!("{}", serde_json::to_string_pretty(&figures)?);
     } else {
-        show(&figures);
+        verdict.lines.iter().for_each(|line| println!("{line}"));
+        println!("{EQUAL}");
     }
-    let excess = excess(&figures, options.update)?;
-    ensure!(
-        excess.is_empty(),
-        "over budget: {}; if that is meant, `cargo xtask replay --update`",
-        excess.join("; ")
-    );
+    verdict.excess.extend(too_slow(&figures));
+    let excess = verdict.excess;
+    ensure!(excess.is_empty(), "over budget: {}", excess.join("; "));
     Ok(())
 }
 
-/// Prints the figures.
-pub(crate) fn show(figures: &Figures) {
-    for (name, value) in figures {
-        println!("{name:30} {value:6}");
-    }
-    println!("every bit of every tick is the host's; no float routine in fixed point");
-}
-
-#[derive(Serialize, Deserialize)]
-struct Golden(Figures);
-
-/// What exceeds the bars or the golden file, which `update` rewrites first.
-pub(crate) fn excess(figures: &Figures, update: bool) -> Result<Vec<String>> {
-    let golden = root().join("firmware/replay/budget.toml");
-    if update {
-        let text = format!(
-            "# Written by `cargo xtask budget --update`; what the tick takes without floating point.\n{}",
-            toml::to_string(&Golden(figures.clone()))?
-        );
-        fs::write(&golden, text)?;
-    }
-    let text =
-        fs::read_to_string(&golden).with_context(|| format!("cannot read {}", golden.display()))?;
-    let Golden(limits) = toml::from_str(&text)?;
-    let mut excess = vec![];
-    for (name, is) in figures {
-        match limits.get(name) {
-            Some(most) if is * 100 <= most * (100 + TOLERANCE_PERCENT) => {}
-            Some(most) => excess.push(format!("{name} is {is}, at most {most} was expected")),
-            None => excess.push(format!("{name} is not in the golden file")),
-        }
-    }
-    for (name, most) in BARS {
-        let is = figures.get(name).copied().unwrap_or(u64::MAX);
-        if is > most {
-            excess.push(format!("{name} is {is}, the bar is {most}"));
-        }
-    }
-    for (core, ..) in CORES {
-        let median = |image| {
-            figures
-                .get(&format!("{core}_{image}_instructions_median"))
-                .copied()
-        };
-        let (fixed, float) = (
-            median("fixed").unwrap_or(u64::MAX),
-            median("float").unwrap_or(0),
-        );
-        if float < GAIN_MIN.saturating_mul(fixed) {
-            excess.push(format!(
+/// Where fixed point is not as much faster than emulated f32 as it should be.
+pub(crate) fn too_slow(figures: &Figures) -> Vec<String> {
+    let median = |core: &str, image: &str| {
+        let name = format!("{core}_{image}_instructions_median");
+        figures.get(&name).copied()
+    };
+    let medians = CORES.map(|(core, ..)| {
+        let fixed = median(core, "fixed").unwrap_or(u64::MAX);
+        (core, fixed, median(core, "float").unwrap_or(0))
+    });
+    medians
+        .into_iter()
+        .filter(|(_, fixed, float)| *float < GAIN_MIN.saturating_mul(*fixed))
+        .map(|(core, fixed, float)| {
+            format!(
                 "{core}: f32 takes {float} instructions, fixed point {fixed}: less than {GAIN_MIN} times fewer"
-            ));
-        }
-    }
-    Ok(excess)
+            )
+        })
+        .collect()
 }
 
 /// Measurements and the commands they should give, as words.
@@ -194,11 +150,16 @@ fn prepare(demo: &Demo) -> Result<(Prepared, PathBuf)> {
         &Formats::default(),
     );
     let mut fixed = Recording::new();
-    run_fixed(plan, image, &options, |m, c| {
-        fixed.add(|x: Fixed| x.to_bits().cast_unsigned(), m, c);
+    run_fixed(plan, image, &options, |step| {
+        fixed.add(
+            |x: Fixed| x.to_bits().cast_unsigned(),
+            &step.measured,
+            &step.command,
+        );
     })?;
     let mut float = Recording::new();
-    run_with::<f32>(plan, image, &options, |m, c| float.add(f32::to_bits, m, c))?;
+    Simulation::<f32>::new(plan, image, &options)?
+        .run(|step| float.add(f32::to_bits, &step.measured, &step.command));
 
     let out = firmware::target_folder().join("replay");
     fs::create_dir_all(&out)?;
@@ -231,78 +192,82 @@ fn prepare(demo: &Demo) -> Result<(Prepared, PathBuf)> {
     Ok((prepared, out))
 }
 
-/// Runs everything; the figures.
+/// Builds and replays every image on every core; the figures.
 pub(crate) fn measure() -> Result<Figures> {
     let demo = inputs::demo()?;
-    let (
-        Prepared {
-            environment,
-            fixed,
-            float,
-        },
-        out,
-    ) = prepare(&demo)?;
-    let image = &demo.table.image;
+    announce("recording the demo's run in fixed point and in f32");
+    let (prepared, out) = prepare(&demo)?;
     let mut figures = Figures::new();
     for (core, target, machine) in CORES {
-        cargo("build", target, &out, &environment, &[])?;
-        for (name, recording) in IMAGES.into_iter().zip([&fixed, &float]) {
+        cargo("build", target, &out, &prepared.environment, &[])?;
+        for (name, recording) in IMAGES.into_iter().zip([&prepared.fixed, &prepared.float]) {
             let elf = out.join(target).join("release").join(name);
-            let floats = float_routines(&elf)?;
-            if name == "fixed" {
-                let list = floats.join(", ");
-                ensure!(
-                    list.is_empty(),
-                    "{core}: the fixed-point image has floating point: {list}"
-                );
-            } else {
-                // Were the routines renamed, the check would pass by mistake.
-                ensure!(
-                    !floats.is_empty(),
-                    "{core}: the f32 image has no float routine that this check knows"
-                );
-            }
-            let mut put = |figure: &str, value: u64| {
-                figures.insert(format!("{core}_{name}_{figure}"), value);
-            };
-            let sizes = crate::image::sizes_in(&elf, FLASH)?;
-            put("flash_bytes", sizes.flash - image.len() as u64);
-            put(
-                "tick_flash_bytes",
-                crate::image::reachable_bytes(&elf, "flexor_tick")?,
-            );
-            let replayed = replay(&elf, machine, &recording.measurements, &out)
+            check_float_routines(&elf, name == "float")
+                .with_context(|| format!("{core}, {name}"))?;
+            announce(&format!("replaying the run in {name} on {machine}"));
+            let measured = measure_image(&elf, machine, recording, &out)
                 .with_context(|| format!("replaying {name} on {machine}"))?;
-            let [nops, controller, stack, runs] = replayed.head.map(u64::from);
-            put("controller_bytes", controller);
-            put("stack_bytes", stack);
-            let differing = recording
-                .commands
-                .iter()
-                .zip(&replayed.ticks)
-                .filter(|(host, [a, b, state, _])| **host != [*a, *b, *state])
-                .count();
-            ensure!(
-                differing == 0 && recording.commands.len() == replayed.ticks.len(),
-                "{machine}, {name}: {differing} of {} commands differ from the host's, {} were answered",
-                recording.commands.len(),
-                replayed.ticks.len()
-            );
-            ensure!(
-                nops > 0 && runs > 0,
-                "{machine}: the stopwatch does not count"
-            );
-            let mut instructions: Vec<u64> = replayed
-                .ticks
-                .iter()
-                .map(|[.., counts]| u64::from(*counts) * 100_000 / (nops * runs))
-                .collect();
-            instructions.sort_unstable();
-            put("instructions_median", instructions[instructions.len() / 2]);
-            put("instructions_max", instructions[instructions.len() - 1]);
+            let table_bytes = demo.table.image.len() as u64;
+            let flash = crate::image::sizes_in(&elf, FLASH)?.flash - table_bytes;
+            let tick = crate::image::reachable_bytes(&elf, "flexor_tick")?;
+            let sizes = [("flash_bytes", flash), ("tick_flash_bytes", tick)];
+            for (figure, value) in sizes.into_iter().chain(measured) {
+                figures.insert(format!("{core}_{name}_{figure}"), value);
+            }
         }
     }
     Ok(figures)
+}
+
+/// Makes sure that an image has floating-point routines, or that it has none.
+fn check_float_routines(elf: &Path, wanted: bool) -> Result<()> {
+    let floats = float_routines(elf)?;
+    if wanted {
+        // Were the routines renamed, the check of fixed point would pass by mistake.
+        ensure!(
+            !floats.is_empty(),
+            "the image has no float routine that this check knows"
+        );
+    } else {
+        let list = floats.join(", ");
+        ensure!(list.is_empty(), "the image has floating point: {list}");
+    }
+    Ok(())
+}
+
+/// Replays a recording and compares every command; what the image says of itself, and
+/// instructions a tick.
+fn measure_image(
+    elf: &Path,
+    machine: &str,
+    recording: &Recording,
+    out: &Path,
+) -> Result<[(&'static str, u64); 4]> {
+    let replayed = replay(elf, machine, &recording.measurements, out)?;
+    let [nops, controller, stack, runs] = replayed.head.map(u64::from);
+    let pairs = recording.commands.iter().zip(&replayed.ticks);
+    let differing = pairs
+        .filter(|(host, [a, b, state, _])| **host != [*a, *b, *state])
+        .count();
+    let (commands, answers) = (recording.commands.len(), replayed.ticks.len());
+    ensure!(
+        differing == 0 && commands == answers,
+        "{differing} of {commands} commands differ from the host's, {answers} were answered"
+    );
+    ensure!(nops > 0 && runs > 0, "the stopwatch does not count");
+    let mut instructions: Vec<u64> = replayed
+        .ticks
+        .iter()
+        .map(|[.., counts]| u64::from(*counts) * 100_000 / (nops * runs))
+        .collect();
+    instructions.sort_unstable();
+    let [median, max] = [instructions.len() / 2, instructions.len() - 1].map(|i| instructions[i]);
+    Ok([
+        ("controller_bytes", controller),
+        ("stack_bytes", stack),
+        ("instructions_median", median),
+        ("instructions_max", max),
+    ])
 }
 
 /// First addresses: `FLASH` of `firmware/replay/memory.x`.
@@ -323,8 +288,7 @@ fn cargo(
     environment: &[(&str, PathBuf)],
     more: &[&str],
 ) -> Result<()> {
-    let toolchain = Toolchain::find()
-        .with_context(|| format!("no toolchain has {target}: run `cargo xtask setup`"))?;
+    let toolchain = Toolchain::wanted()?;
     let mut command = toolchain.command("cargo");
     command
         .current_dir(root().join("firmware/replay"))
@@ -458,8 +422,8 @@ mod tests {
             "__aeabi_lmul",
             "__aeabi_uldivmod",
             "__aeabi_idivmod",
-            "_ZN5cores11flexor_tick17hE",
-            "_ZN6shared4trig3sin17hE",
+            "_ZN13flexor_replay11flexor_tick17hE",
+            "_ZN6flexor6number4sine3sin17hE",
         ] {
             assert!(!is_float(name), "{name}");
         }

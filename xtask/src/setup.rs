@@ -2,8 +2,8 @@
 //! with the Cortex-M4F, M3 and M0 targets, the linker flip-link, QEMU 10 and an ARM
 //! disassembler.
 
-use crate::{output, root, run};
-use anyhow::{Result, bail};
+use crate::{announce, output, root, run};
+use anyhow::{Context, Result, bail};
 use std::path::Path;
 use std::process::Command;
 
@@ -31,6 +31,22 @@ impl Toolchain {
         [Self::Current, Self::Debian]
             .into_iter()
             .find(|t| TARGETS.into_iter().all(|target| t.has_target(target)))
+    }
+
+    /// The first that is there.
+    ///
+    /// # Errors
+    /// If none is: how to get one.
+    pub(crate) fn wanted() -> Result<Self> {
+        Self::find().with_context(|| {
+            let targets = TARGETS.join(", ");
+            format!("no toolchain has {targets}: run `cargo xtask setup`")
+        })
+    }
+
+    /// What its compiler calls itself: figures of code hold for that one.
+    pub(crate) fn version(self) -> Result<String> {
+        output(self.command("rustc").arg("--version")).context("rustc does not tell its version")
     }
 
     /// `program` of this toolchain.
@@ -91,6 +107,7 @@ pub(crate) fn missing() -> Vec<&'static str> {
 
 /// Installs what is missing. `debian` does not ask rustup's servers.
 pub(crate) fn setup(debian: bool) -> Result<()> {
+    announce("looking for the Cortex-M targets, flip-link, QEMU 10 and arm-none-eabi-objdump");
     if Toolchain::find().is_none() && !debian {
         // Fails where rustup has nothing to download from; the script is next.
         let _ = run(Command::new("rustup").args(["target", "add"]).args(TARGETS));
@@ -101,7 +118,7 @@ pub(crate) fn setup(debian: bool) -> Result<()> {
     }
     let absent = missing();
     if !absent.is_empty() {
-        println!("missing: {}", absent.join(", "));
+        announce(&format!("missing: {}", absent.join(", ")));
         if output(Command::new("apt-get").arg("--version")).is_none() {
             bail!(
                 "install {} and run this again; without rustup's servers or Debian there is no \

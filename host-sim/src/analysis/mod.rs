@@ -1,4 +1,5 @@
 //! What can be said of a loop, and of its numbers, without a board.
 
 pub mod fixed_point;
+#[cfg(feature = "stability")]
 pub mod stability;

@@ -1,17 +1,16 @@
 //! The command `accuracy`.
 
-use super::{
-    CliError, Common, Output, controller, export, json, print, print_facts, progress_bar, report,
-};
+use super::{CliError, Common, Output, controller, pages, print, print_facts, progress_bar};
 use crate::analysis::fixed_point::accuracy::{Accuracy, Errors};
 use crate::analysis::fixed_point::range::Analysis;
 use crate::analysis::fixed_point::{accuracy, range};
-use crate::plant::Start;
+use crate::files::export;
 use crate::simulation::cases;
 use crate::simulation::closed_loop::RunOptions;
+use crate::simulation::start::Start;
 use crate::text::four_digits;
 use clap::Args;
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 
 #[derive(Args)]
@@ -58,15 +57,14 @@ pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
     output.json("summary.json", &summary)?;
     output.write("accuracy.csv", |w| trace_csv(&accuracies, w))?;
     let facts = format_facts(&analysis);
-    let page = args.out.join("report.html");
-    report::write_accuracy(&args.out, &page, &accuracies, &facts)?;
+    let place = pages::accuracy(&args.out, &accuracies, &facts)?;
     if args.common.json {
         return print(&summary);
     }
     print(table(&accuracies))?;
     print("")?;
     print_facts(&facts)?;
-    print(format_args!("\nThe report is {}", page.display()))
+    print(format_args!("\n{place}"))
 }
 
 /// What `--json` says of a number type.

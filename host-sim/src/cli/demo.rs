@@ -1,14 +1,16 @@
 //! The command `demo`: the paper's task in all its cases.
 
+use super::plan::Planned;
 use super::{
-    CliError, Common, Output, controller, gains, print, print_facts, progress_bar, results,
+    CliError, Common, Output, controller, gains, pages, print, print_facts, progress_bar, results,
 };
 use crate::files::export;
-use crate::report;
+use crate::simulation::cases;
 use crate::simulation::cases::{CASES, PLANTS};
-use crate::simulation::closed_loop::{Run, RunOptions};
-use crate::simulation::{cases, closed_loop};
+use crate::simulation::closed_loop::{Run, RunOptions, Simulation};
 use clap::Args;
+use flexor::control::LawParameters;
+use indicatif::ProgressBar;
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::PathBuf;
@@ -26,6 +28,7 @@ pub(super) struct DemoArgs {
     out: PathBuf,
 }
 
+/// Plans, runs all cases, and writes and prints what came of it.
 pub(super) fn demo(args: &DemoArgs) -> Result<(), CliError> {
     let (arm, task) = args.common.load()?;
     let law = controller(args.controller.as_deref())?;
@@ -50,48 +53,19 @@ pub(super) fn demo(args: &DemoArgs) -> Result<(), CliError> {
     output.write("table_fast.bin", |w| w.write_all(&planned[1].table.image))?;
 
     let progress = progress_bar((CASES.len() * PLANTS.len()) as u64, "{msg}");
-    let mut runs: Vec<(&str, &str, usize, Run)> = Vec::new();
-    for case in &CASES {
-        for (plant, scale) in PLANTS {
-            progress.set_message(format!("{}, {plant}", case.name));
-            let used = usize::from(case.fast);
-            let options = RunOptions {
-                law: case.mode.of(&law),
-                limits: planned[used].limits,
-                plant: cases::plant(arm.elements, scale),
-                start: case.start,
-            };
-            let (plan, image) = (&planned[used].plan, &planned[used].table.image);
-            let run = closed_loop::run::<f32>(plan, image, &options)?;
-            let folder = args.out.join(format!("{}_{plant}", case.name));
-            let folder = Output::new(&folder)?;
-            folder.write("run.csv", |w| export::run_csv(&run, w))?;
-            let mut summary = export::summary_json(&run.summary);
-            summary.extend(planned[used].json());
-            folder.json("summary.json", &Value::Object(summary))?;
-            runs.push((case.name, plant, used, run));
-            progress.inc(1);
-        }
-    }
+    let runs = run_cases(args, arm.elements, &law, &planned, &progress)?;
     progress.set_message("report");
-    let list: Vec<Value> = runs
-        .iter()
-        .map(|(case, plant, _, run)| {
-            let mut entry = export::object([("case", json!(case)), ("plant", json!(plant))]);
-            entry.extend(export::errors_json(&run.summary));
-            Value::Object(entry)
-        })
-        .collect();
-    let summary =
-        json!({ "cases": list, "plan": planned[0].json(), "plan_fast": planned[1].json() });
+    let summary = summary_json(&runs, &planned);
     output.json("summary.json", &summary)?;
-    let cases: Vec<report::Case> = runs
+    let cases: Vec<pages::CaseRun> = runs
         .iter()
-        .map(|(case, plant, used, run)| report::Case {
-            case,
-            plant,
-            plan: &planned[*used].plan,
-            run,
+        .map(|demo| {
+            (
+                demo.case,
+                demo.plant,
+                &planned[demo.planned].plan,
+                &demo.run,
+            )
         })
         .collect();
     let mut facts = planned[0].facts();
@@ -101,9 +75,8 @@ pub(super) fn demo(args: &DemoArgs) -> Result<(), CliError> {
             .into_iter()
             .map(|(name, fact)| (format!("fast: {name}"), fact)),
     );
-    report::write_figures(&args.out, &cases)?;
-    let page = args.out.join("report.html");
-    report::write_html(&page, "Flexor: the paper's manipulation", &cases, &facts)?;
+    let title = "Flexor: the paper's manipulation";
+    let place = pages::runs(&args.out, title, &cases, &facts)?;
     progress.finish_and_clear();
 
     if args.common.json {
@@ -112,13 +85,71 @@ pub(super) fn demo(args: &DemoArgs) -> Result<(), CliError> {
     print_facts(&planned[0].facts())?;
     print("")?;
     print(results(
-        runs.iter()
-            .map(|(case, plant, _, run)| (*case, *plant, run)),
+        runs.iter().map(|demo| (demo.case, demo.plant, &demo.run)),
     ))?;
     print(format_args!(
-        "\n{} runs in {:.1} s. The report is {}",
+        "\n{} runs in {:.1} s. {place}",
         runs.len(),
-        since.elapsed().as_secs_f64(),
-        page.display()
+        since.elapsed().as_secs_f64()
     ))
+}
+
+/// A case's run on a plant.
+struct DemoRun {
+    case: &'static str,
+    plant: &'static str,
+    /// Which plan was run: the task's, or the fast one's.
+    planned: usize,
+    run: Run,
+}
+
+/// Runs every case on every plant and writes each run into a folder of its own.
+fn run_cases(
+    args: &DemoArgs,
+    elements: usize,
+    law: &LawParameters,
+    planned: &[Planned; 2],
+    progress: &ProgressBar,
+) -> Result<Vec<DemoRun>, CliError> {
+    let mut runs = Vec::new();
+    for case in &CASES {
+        for (plant, scale) in PLANTS {
+            progress.set_message(format!("{}, {plant}", case.name));
+            let used = usize::from(case.fast);
+            let options = RunOptions {
+                law: case.mode.of(law),
+                limits: planned[used].limits,
+                plant: cases::plant(elements, scale),
+                start: case.start,
+            };
+            let (plan, image) = (&planned[used].plan, &planned[used].table.image);
+            let run = Simulation::<f32>::new(plan, image, &options)?.run(|_| {});
+            let folder = args.out.join(format!("{}_{plant}", case.name));
+            let folder = Output::new(&folder)?;
+            folder.write("run.csv", |w| export::run_csv(&run, w))?;
+            let mut summary = export::summary_json(&run.summary);
+            summary.extend(planned[used].json());
+            folder.json("summary.json", &Value::Object(summary))?;
+            runs.push(DemoRun {
+                case: case.name,
+                plant,
+                planned: used,
+                run,
+            });
+            progress.inc(1);
+        }
+    }
+    Ok(runs)
+}
+
+/// All runs' errors, and both plans' figures.
+fn summary_json(runs: &[DemoRun], planned: &[Planned; 2]) -> Value {
+    let entry = |demo: &DemoRun| {
+        let names = [("case", json!(demo.case)), ("plant", json!(demo.plant))];
+        let mut entry = export::object(names);
+        entry.extend(export::errors_json(&demo.run.summary));
+        Value::Object(entry)
+    };
+    let list: Vec<Value> = runs.iter().map(entry).collect();
+    json!({ "cases": list, "plan": planned[0].json(), "plan_fast": planned[1].json() })
 }

@@ -5,8 +5,9 @@ use super::{CliError, Common, ModelArg, Output, print, print_facts, say};
 use crate::files::config::ArmConfig;
 use crate::files::export;
 use crate::planner::limits::default_limits;
-use crate::planner::plan::{Equations, Plan, PlanOptions, PlanPoint, Task};
+use crate::planner::plan::{Plan, PlanOptions, PlanPoint};
 use crate::planner::table_fit::EncodedTable;
+use crate::planner::task::{Equations, Task};
 use crate::planner::{plan, table_fit};
 use crate::text::{Shortest, four_digits};
 use clap::Args;
@@ -43,13 +44,11 @@ pub(super) fn plan_command(args: &PlanArgs) -> Result<(), CliError> {
     ))
 }
 
-/// What a reader should know before using a plan, its table and the drives' `limits`.
-fn doubts(plan: &Plan, table: &EncodedTable, limits: &LimitParameters) -> Vec<String> {
+/// What a reader should know before using a plan and the drives' `limits`.
+fn doubts(plan: &Plan, limits: &LimitParameters) -> Vec<String> {
     /// Share of a torque's peak that it may change by in the first or last control period;
     /// with up to 8 elements the paper's task stays below it.
     const JUMP: f64 = 0.03;
-    /// The table's accuracy where the format is at its best, N m.
-    const TABLE_NM: f64 = 1e-4;
     let mut doubts = Vec::new();
     let points = &plan.points;
     let last = points.len() - 1;
@@ -86,12 +85,6 @@ fn doubts(plan: &Plan, table: &EncodedTable, limits: &LimitParameters) -> Vec<St
                 pair[0].t
             ));
         }
-    }
-    let error_nm = table.torque_error_max_nm;
-    if !(error_nm <= TABLE_NM) {
-        doubts.push(format!(
-            "the table reproduces the torque to {error_nm:.1e} N m only, {TABLE_NM:e} is usual: the motion has parts too fast for its knots"
-        ));
     }
     doubts
 }
@@ -146,8 +139,8 @@ impl Common {
             None => default_limits(&plan),
         };
         let since = Instant::now();
-        let table = table_fit::encode(&plan).map_err(CliError::Encode)?;
-        for word in doubts(&plan, &table, &limits) {
+        let table = table_fit::fit_table(&plan)?;
+        for word in doubts(&plan, &limits) {
             say(format_args!("warning: {word}"));
         }
         Ok(Planned {
@@ -173,6 +166,10 @@ impl Planned {
             (
                 "table_torque_error_max_Nm",
                 json!(self.table.torque_error_max_nm),
+            ),
+            (
+                "table_torque_error_share",
+                json!(self.table.torque_error_share),
             ),
             (
                 "table_angle_error_max_rad",
@@ -217,7 +214,8 @@ impl Planned {
             ("planned power", format!("up to {:.3} and {:.3} W", peaks.power[0], peaks.power[1])),
             ("slope rate at the start", format!("{:.2e} rad/s", plan.points[0].root_slope_rate)),
             ("feedforward table", format!(
-                "{} bytes, torque to {:.1e} N m", self.table.image.len(), self.table.torque_error_max_nm)),
+                "{} bytes, torque to {:.1e} N m, {:.1e} of its peak",
+                self.table.image.len(), self.table.torque_error_max_nm, self.table.torque_error_share)),
         ]
         .map(|(name, fact)| (name.to_string(), fact))
         .to_vec()

@@ -2,18 +2,18 @@
 
 use super::plan::Planned;
 use super::{
-    CliError, Common, Output, accuracy, controller, gains, print, print_facts, progress_bar,
+    CliError, Common, Output, accuracy, controller, gains, pages, print, print_facts, progress_bar,
     results,
 };
 use crate::analysis::fixed_point::accuracy::run_fixed;
 use crate::analysis::fixed_point::range;
 use crate::files::{config, export};
 use crate::planner::plan::Plan;
-use crate::plant::{PlantParameters, Start};
-use crate::report;
+use crate::plant::PlantParameters;
 use crate::simulation::cases::Mode;
 use crate::simulation::closed_loop;
 use crate::simulation::closed_loop::{Outcome, Run, RunOptions};
+use crate::simulation::start::Start;
 use clap::{Args, ValueEnum};
 use flexor::table::Table;
 use serde_json::{Map, Value, json};
@@ -103,15 +103,15 @@ pub(super) fn run_command(args: &RunArgs) -> Result<(), CliError> {
     let progress = progress_bar(plan.points.len() as u64, "ticks, {eta} left");
     let (run, saturations) = match args.number {
         NumberArg::F32 => {
-            let run = closed_loop::run_with::<f32>(plan, image, options, |_, _| progress.inc(1))?;
-            (run, None)
+            let mut simulation = closed_loop::Simulation::<f32>::new(plan, image, options)?;
+            (simulation.run(|_| progress.inc(1)), None)
         }
         NumberArg::F64 => {
-            let run = closed_loop::run_with::<f64>(plan, image, options, |_, _| progress.inc(1))?;
-            (run, None)
+            let mut simulation = closed_loop::Simulation::<f64>::new(plan, image, options)?;
+            (simulation.run(|_| progress.inc(1)), None)
         }
         NumberArg::Fixed => {
-            let (run, saturations) = run_fixed(plan, image, options, |_, _| progress.inc(1))?;
+            let (run, saturations) = run_fixed(plan, image, options, |_| progress.inc(1))?;
             (run, Some(saturations))
         }
     };
@@ -176,24 +176,16 @@ impl Simulation {
             Mode::Feedforward => "feedforward",
             Mode::Feedback => "feedback",
         };
-        let cases = [report::Case {
-            case: name,
-            plant: "plant",
-            plan,
-            run,
-        }];
         let mut all = self.planned.facts();
         all.extend(facts);
-        let page = output.folder.join("report.html");
-        report::write_figures(output.folder, &cases)?;
-        report::write_html(&page, title, &cases, &all)?;
+        let place = pages::runs(output.folder, title, &[(name, "plant", plan, run)], &all)?;
         if json {
             return print(&summary);
         }
         print_facts(&all)?;
         print("")?;
         print(results([(name, "plant", run)]))?;
-        print(format_args!("\nThe report is {}", page.display()))
+        print(format_args!("\n{place}"))
     }
 
     /// A run that could not go on to its end is a failure; a bad result is not.

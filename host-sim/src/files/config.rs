@@ -6,6 +6,7 @@
 mod arm;
 mod controller;
 mod plant;
+#[cfg(feature = "stability")]
 mod spread;
 mod task;
 
@@ -20,8 +21,9 @@ use std::io::Read;
 use std::path::Path;
 
 pub use arm::{ArmConfig, parse_arm};
-pub use controller::{DERIVATIVE_FILTER_HZ, parse_controller};
+pub use controller::{DERIVATIVE_FILTER_HZ, controller_toml, parse_controller};
 pub use plant::parse_plant;
+#[cfg(feature = "stability")]
 pub use spread::parse_spread;
 pub use task::parse_task;
 
@@ -444,7 +446,7 @@ fn optional_pair<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::planner::plan::Window;
+    use crate::planner::task::Window;
 
     #[test]
     fn the_examples_are_the_papers_arm_and_task() {

@@ -1,4 +1,5 @@
 //! The user's files, checked; results as CSV and JSON.
 
 pub mod config;
+#[cfg(feature = "export")]
 pub mod export;

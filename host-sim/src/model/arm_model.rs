@@ -11,6 +11,7 @@
 //! root; *chord* is the line from joint 2 to the tip.
 
 use flexor::model::{ArmParameters, Beam, BeamParameters, Kinematics};
+use flexor::number::Real;
 use nalgebra::{DMatrix, DVector};
 
 /// Largest number of elements that link 2 can be divided into.
@@ -205,11 +206,11 @@ impl ArmModel {
             coordinates: beam.shapes.tr_mul(&beam.nodal.mass),
             shapes: beam.shapes,
             nodal: beam.nodal,
-            link1_inertia: arm.link1_mass_kg * arm.link1_length_m.powi(2) / 3.0,
+            link1_inertia: arm.link1_mass_kg * (arm.link1_length_m * arm.link1_length_m) / 3.0,
             joint1_moment: (0.5 * arm.link1_mass_kg + mass + tip_mass) * arm.link1_length_m,
             link2_mass: mass + tip_mass,
             link2_moment: (0.5 * mass + tip_mass) * length,
-            link2_inertia: (mass / 3.0 + tip_mass) * length.powi(2)
+            link2_inertia: (mass / 3.0 + tip_mass) * (length * length)
                 + arm.root_inertia_kgm2
                 + arm.tip_inertia_kgm2,
         })
@@ -253,7 +254,7 @@ impl ArmModel {
     /// `from`, in this model's modal coordinates: this model's nodes take the
     /// deflection and slope that the other shape has there. That is the projection
     /// with the least bending energy left over, so it excites nothing.
-    pub fn adopt(&self, from: &Self, q: &[f64]) -> Vec<f64> {
+    pub fn project_shape_from(&self, from: &Self, q: &[f64]) -> Vec<f64> {
         let mut nodal = DVector::zeros(self.dof());
         for node in 0..=self.elements {
             let rho = self.arm.link2_length_m * node as f64 / self.elements as f64;
@@ -275,7 +276,11 @@ impl ArmModel {
 /// `elements` elements to its deflection (m, along n(theta20)) at `intervals + 1`
 /// equally spaced points of the chord, from joint 2 to the tip. `None` for a number of
 /// elements outside 1 to [`ELEMENTS_MAX`].
-pub fn outline(arm: &ArmParameters, elements: usize, intervals: usize) -> Option<DMatrix<f64>> {
+pub fn deflection_matrix(
+    arm: &ArmParameters,
+    elements: usize,
+    intervals: usize,
+) -> Option<DMatrix<f64>> {
     let step = arm.link2_length_m / intervals.max(1) as f64;
     with_dof!(elements, DOF => {
         let beam = Beam::<f64, DOF>::new(beam_parameters(arm));
@@ -288,7 +293,31 @@ pub fn outline(arm: &ArmParameters, elements: usize, intervals: usize) -> Option
     })
 }
 
-/// Scalar product.
-pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
+/// Scalar product of constants with variables.
+pub(crate) fn dot<T: Real>(constants: &[f64], variables: &[T]) -> T {
+    constants
+        .iter()
+        .zip(variables)
+        .fold(T::ZERO, |sum, (c, v)| sum + T::from_f64(*c) * *v)
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{ComplexField, RealField};
+
+    // A Linux platform's exponential, for one, differs in a tenth of these.
+    #[test]
+    fn matrices_are_computed_with_libm() {
+        let argument = |i: i32| 0.01 + 0.000_737 * f64::from(i);
+        for x in (0..20_000).map(argument) {
+            for (found, libm) in [
+                (ComplexField::sin(x), libm::sin(x)),
+                (ComplexField::exp(x), libm::exp(x)),
+                (RealField::atan2(x, 2.0), libm::atan2(x, 2.0)),
+                (ComplexField::hypot(x, 1.3), libm::hypot(x, 1.3)),
+            ] {
+                assert_eq!(found.to_bits(), libm.to_bits(), "of {x}");
+            }
+        }
+    }
 }

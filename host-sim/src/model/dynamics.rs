@@ -20,92 +20,29 @@
 //! which F brings.) tau2 turns the root's tangent, `theta20 + e.q`; f is the force of
 //! the tip on the surface.
 //!
-//! [`forward`] solves them for the accelerations and the contact force; [`inverse`]
+//! [`crate::model::forward`] solves them for the accelerations and the contact force; [`inverse`]
 //! for the torques; [`deflection_equation`] is the one that is left when tau2 is
 //! eliminated, the planner's boundary-value problem. Everything is generic over the
 //! scalar so that exact derivatives can be had from dual numbers.
 
 use crate::model::arm_model::{ArmModel, NodalBeam, dot};
+use crate::model::configuration::{Configuration, State};
 use flexor::model::JointMotion;
 use flexor::number::Real;
 use nalgebra::{DMatrix, DVector};
 
-/// Sines, cosines and gravity at a configuration.
-#[derive(Clone, Copy, Debug)]
-pub struct Configuration<T> {
-    /// e(theta10), the direction of link 1.
-    pub e1: [T; 2],
-    /// e(theta20), the direction of link 2's chord.
-    pub e2: [T; 2],
-    /// cos(theta21).
-    pub c: T,
-    /// sin(theta21).
-    pub s: T,
-    /// Gravity along n(theta10), m/s^2.
-    pub g_n1: T,
-    /// Gravity along n(theta20), m/s^2.
-    pub g_n: T,
-    /// Gravity along e(theta20), m/s^2.
-    pub g_e: T,
-}
-
-impl<T: Real> Configuration<T> {
-    /// The configuration with the angles (theta10, theta20), rad.
-    pub fn new(model: &ArmModel, angle: [T; 2]) -> Self {
-        let e1 = [angle[0].cos(), angle[0].sin()];
-        let e2 = [angle[1].cos(), angle[1].sin()];
-        let g = model.arm.gravity_m_s2.map(T::from_f64);
-        Self {
-            e1,
-            e2,
-            c: e1[0] * e2[0] + e1[1] * e2[1],
-            s: e1[0] * e2[1] - e1[1] * e2[0],
-            g_n1: g[1] * e1[0] - g[0] * e1[1],
-            g_n: g[1] * e2[0] - g[0] * e2[1],
-            g_e: g[0] * e2[0] + g[1] * e2[1],
-        }
-    }
-
-    /// Component of `v` along n(theta10).
-    pub fn along_n1(&self, v: [T; 2]) -> T {
-        v[1] * self.e1[0] - v[0] * self.e1[1]
-    }
-
-    /// Component of `v` along n(theta20).
-    pub fn along_n2(&self, v: [T; 2]) -> T {
-        v[1] * self.e2[0] - v[0] * self.e2[1]
-    }
-
-    /// Component of `v` along e(theta20).
-    pub fn along_e2(&self, v: [T; 2]) -> T {
-        v[0] * self.e2[0] + v[1] * self.e2[1]
-    }
-}
-
-/// Scalar product of constants with variables.
-fn weigh<T: Real>(constants: &[f64], variables: &[T]) -> T {
-    constants
-        .iter()
-        .zip(variables)
-        .fold(T::ZERO, |sum, (c, v)| sum + T::from_f64(*c) * *v)
-}
-
-/// Scalar product of variables.
-fn product<T: Real>(a: &[T], b: &[T]) -> T {
-    a.iter().zip(b).fold(T::ZERO, |sum, (a, b)| sum + *a * *b)
-}
-
 /// `a.m b` with the translating mass: unit modal mass less root and tip inertia.
-fn translating<T: Real>(model: &ArmModel, a: &[T], b: &[T]) -> T {
-    let mut sum = product(a, b);
+pub(super) fn translating<T: Real>(model: &ArmModel, a: &[T], b: &[T]) -> T {
+    let pairs = a.iter().zip(b);
+    let mut sum = pairs.fold(T::ZERO, |sum, (a, b)| sum + *a * *b);
     for (inertia, slope) in end_inertias(model) {
-        sum -= T::from_f64(inertia) * weigh(slope, a) * weigh(slope, b);
+        sum -= T::from_f64(inertia) * dot(slope, a) * dot(slope, b);
     }
     sum
 }
 
 /// Inertias that turn with an end of the beam, and that end's slopes; zeros left out.
-fn end_inertias(model: &ArmModel) -> impl Iterator<Item = (f64, &[f64])> {
+pub(super) fn end_inertias(model: &ArmModel) -> impl Iterator<Item = (f64, &[f64])> {
     [
         (model.arm.root_inertia_kgm2, model.root_slope.as_slice()),
         (model.arm.tip_inertia_kgm2, model.tip_slope.as_slice()),
@@ -147,12 +84,12 @@ pub fn inverse<T: Real>(model: &ArmModel, motion: &Motion<'_, T>, force: [T; 2])
 
     let a_n = r1 * (acceleration1 * c + rate1 * rate1 * s);
     let a_e = r1 * (acceleration1 * s - rate1 * rate1 * c);
-    let bq = weigh(&model.first_moment, motion.q);
-    let bq_rate = weigh(&model.first_moment, motion.q_rate);
-    let bq_acceleration = weigh(&model.first_moment, motion.q_acceleration);
+    let bq = dot(&model.first_moment, motion.q);
+    let bq_rate = dot(&model.first_moment, motion.q_rate);
+    let bq_acceleration = dot(&model.first_moment, motion.q_acceleration);
 
     let tau2 = c64(model.link2_inertia) * acceleration2
-        + weigh(&model.second_moment, motion.q_acceleration)
+        + dot(&model.second_moment, motion.q_acceleration)
         + s2 * (a_n - configuration.g_n)
         + two * translating(model, motion.q, motion.q_rate) * rate2
         + translating(model, motion.q, motion.q) * acceleration2
@@ -164,51 +101,6 @@ pub fn inverse<T: Real>(model: &ArmModel, motion: &Motion<'_, T>, force: [T; 2])
     let inertial_e = -(s2 * rate2 * rate2) - two * bq_rate * rate2 - bq * acceleration2 + m2 * a_e;
     let tau1 = c64(model.link1_inertia) * acceleration1 + r1 * (c * inertial_n + s * inertial_e)
         - c64(model.joint1_moment) * configuration.g_n1
-        + tau2
-        + r1 * configuration.along_n1(force);
-    [tau1, tau2]
-}
-
-/// The torques of eq. 16-17 as printed: velocities without the terms in `w theta20'`
-/// (eq. 6), and tau2 as the least-squares solution of eq. 9 (link 2's angular
-/// momentum) and eq. 11 (its vibration), which contradict each other. Only eq. 11's
-/// root slope row has tau2, so that is the mean of the two. Units as [`inverse`].
-pub fn inverse_as_printed(model: &ArmModel, motion: &Motion<'_, f64>, force: [f64; 2]) -> [f64; 2] {
-    let configuration = motion.configuration;
-    let [rate1, rate2] = motion.joint.rate;
-    let [acceleration1, acceleration2] = motion.joint.acceleration;
-    let r1 = model.arm.link1_length_m;
-    let (c, s) = (configuration.c, configuration.s);
-    let a_n = r1 * (acceleration1 * c + rate1 * rate1 * s);
-    let a_e = r1 * (acceleration1 * s - rate1 * rate1 * c);
-
-    // Eq. 9 about joint 2.
-    let momentum = model.link2_inertia * acceleration2
-        + dot(&model.second_moment, motion.q_acceleration)
-        + model.link2_moment * (a_n - configuration.g_n)
-        + model.arm.link2_length_m * configuration.along_n2(force);
-    // Eq. 11, the row of the root slope: nodal rows are the modal ones times the
-    // coordinates, and E has its 1 there.
-    let vibration: f64 = (0..model.dof())
-        .map(|i| {
-            let row = motion.q_acceleration[i]
-                + model.second_moment[i] * acceleration2
-                + model.first_moment[i] * (a_n - configuration.g_n)
-                + model.stiffness[i] * motion.q[i]
-                + model.damping[i] * motion.q_rate[i];
-            model.coordinates[(i, 0)] * row
-        })
-        .sum();
-    let tau2 = 0.5 * (momentum + vibration);
-
-    let inertial_n = model.link2_moment * acceleration2
-        + dot(&model.first_moment, motion.q_acceleration)
-        + model.link2_mass * a_n;
-    let inertial_e = -model.link2_moment * rate2 * rate2
-        - dot(&model.first_moment, motion.q_rate) * rate2
-        + model.link2_mass * a_e;
-    let tau1 = model.link1_inertia * acceleration1 + r1 * (c * inertial_n + s * inertial_e)
-        - model.joint1_moment * configuration.g_n1
         + tau2
         + r1 * configuration.along_n1(force);
     [tau1, tau2]
@@ -395,184 +287,6 @@ pub fn equilibrium(
     Some((q, torque))
 }
 
-/// A rigid frictionless surface that the tip slides on.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Surface {
-    /// Unit normal in inertial axes, pointing into the surface: a pressing tip
-    /// pushes along it.
-    pub normal: [f64; 2],
-    /// `normal . x` of every point of the surface, m.
-    pub offset_m: f64,
-}
-
-/// State of the arm: angles, rates, modal coordinates and their rates, in one vector
-/// `[theta10, theta20, theta10', theta20', q..., q'...]`.
-#[derive(Clone, Copy, Debug)]
-pub struct State<'a, T>(pub &'a [T]);
-
-impl<'a, T: Real> State<'a, T> {
-    /// (theta10, theta20), rad.
-    pub fn angle(&self) -> [T; 2] {
-        [self.0[0], self.0[1]]
-    }
-
-    /// Their rates, rad/s.
-    pub fn rate(&self) -> [T; 2] {
-        [self.0[2], self.0[3]]
-    }
-
-    /// Modal coordinates.
-    pub fn q(&self) -> &'a [T] {
-        &self.0[4..2 + self.0.len() / 2]
-    }
-
-    /// Rates of the modal coordinates, 1/s.
-    pub fn q_rate(&self) -> &'a [T] {
-        &self.0[2 + self.0.len() / 2..]
-    }
-}
-
-/// What acts on the arm besides gravity, elasticity and the surface.
-#[derive(Clone, Copy, Debug)]
-pub struct Actuation<T> {
-    /// Torques (tau1, tau2) on the joints, friction already taken off, N m.
-    pub torque: [T; 2],
-    /// Whether the axial force changes the bending stiffness.
-    pub geometric_stiffness: bool,
-}
-
-/// Accelerations `(theta10'', theta20'')` (rad/s^2) and the contact force along the
-/// surface normal (N, pressing positive), for the arm in `state` with its tip held on
-/// `surface`, from both sides: the force may come out negative. Modal accelerations are
-/// written to `q_acceleration`.
-pub fn forward<T: Real>(
-    model: &ArmModel,
-    surface: &Surface,
-    state: State<'_, T>,
-    drive: &Actuation<T>,
-    q_acceleration: &mut [T],
-) -> ([T; 2], T) {
-    let c64 = T::from_f64;
-    let two = c64(2.0);
-    let configuration = Configuration::new(model, state.angle());
-    let [rate1, rate2] = state.rate();
-    let (q, q_rate) = (state.q(), state.q_rate());
-    let [tau1, tau2] = drive.torque;
-    let r1 = c64(model.arm.link1_length_m);
-    let r2 = c64(model.arm.link2_length_m);
-    let s2 = c64(model.link2_moment);
-    let (c, s) = (configuration.c, configuration.s);
-    let squared = rate2 * rate2;
-    let centripetal = r1 * rate1 * rate1;
-    let normal = surface.normal.map(T::from_f64);
-
-    // The q equations: q'' = free - column1 theta10'' - p theta20'' - column_f f.
-    // `free` is left in q_acceleration.
-    let across = configuration.g_n - centripetal * s;
-    for i in 0..q.len() {
-        q_acceleration[i] = c64(model.first_moment[i]) * across
-            + (squared - c64(model.stiffness[i])) * q[i]
-            - c64(model.damping[i]) * q_rate[i]
-            + c64(model.root_slope[i]) * tau2;
-    }
-    for (inertia, slope) in end_inertias(model) {
-        let share = squared * c64(inertia) * weigh(slope, q);
-        for (a, l) in q_acceleration.iter_mut().zip(slope) {
-            *a -= share * c64(*l);
-        }
-    }
-    // Axial force: P = -f (n.e2) at the tip, X (mass beyond), X = g_e - A_e, centrifugal.
-    let geometric = drive.geometric_stiffness.then(|| {
-        let times = |m: &DMatrix<f64>| -> Vec<T> {
-            (0..q.len())
-                .map(|i| (0..q.len()).fold(T::ZERO, |sum, j| sum + c64(m[(i, j)]) * q[j]))
-                .collect()
-        };
-        let axial = times(&model.geometric_axial);
-        let centrifugal = times(&model.geometric_centrifugal);
-        let specific = configuration.g_e + centripetal * c;
-        for (i, a) in q_acceleration.iter_mut().enumerate() {
-            *a -= specific * axial[i] + squared * centrifugal[i];
-        }
-        (axial, times(&model.geometric_tip))
-    });
-    // b.column and p.column of the columns above.
-    let (b, p) = (&model.first_moment, &model.second_moment);
-    let mut b_column1 = r1 * c * c64(dot(b, b));
-    let mut p_column1 = r1 * c * c64(dot(b, p));
-    let (mut b_column_f, mut p_column_f) = (T::ZERO, T::ZERO);
-    if let Some((axial, tip)) = &geometric {
-        b_column1 -= r1 * s * weigh(b, axial);
-        p_column1 -= r1 * s * weigh(p, axial);
-        b_column_f = -(configuration.along_e2(normal) * weigh(b, tip));
-        p_column_f = -(configuration.along_e2(normal) * weigh(p, tip));
-    }
-    let b_free = weigh(b, q_acceleration);
-    let p_free = weigh(p, q_acceleration);
-
-    // Two joint equations and the constraint, 3 x 3 in theta10'', theta20'', f.
-    let bq = weigh(b, q);
-    let bq_rate = weigh(b, q_rate);
-    let coupling = r1 * (s2 * c - bq * s);
-    let lever = r1 * c;
-    let matrix = [
-        [
-            c64(model.link1_inertia + model.link2_mass * model.arm.link1_length_m.powi(2))
-                - lever * b_column1,
-            coupling - lever * c64(dot(b, p)),
-            r1 * configuration.along_n1(normal) - lever * b_column_f,
-        ],
-        [
-            coupling - p_column1,
-            c64(model.link2_inertia - dot(p, p)) + translating(model, q, q),
-            r2 * configuration.along_n2(normal) - p_column_f,
-        ],
-        [
-            r1 * configuration.along_n1(normal),
-            r2 * configuration.along_n2(normal),
-            T::ZERO,
-        ],
-    ];
-    let right = [
-        r1 * (c * bq * squared + s * (s2 * squared + two * bq_rate * rate2))
-            + c64(model.joint1_moment) * configuration.g_n1
-            + tau1
-            - tau2
-            - lever * b_free,
-        s2 * across - bq * (configuration.g_e + centripetal * c) + tau2
-            - two * translating(model, q, q_rate) * rate2
-            - p_free,
-        centripetal * (normal[0] * configuration.e1[0] + normal[1] * configuration.e1[1])
-            + r2 * squared * configuration.along_e2(normal),
-    ];
-    let [acceleration1, acceleration2, force] = solve3(&matrix, &right);
-
-    for (i, a) in q_acceleration.iter_mut().enumerate() {
-        *a -= c64(b[i]) * lever * acceleration1 + c64(p[i]) * acceleration2;
-    }
-    if let Some((axial, tip)) = &geometric {
-        for (i, a) in q_acceleration.iter_mut().enumerate() {
-            *a +=
-                r1 * s * axial[i] * acceleration1 + configuration.along_e2(normal) * tip[i] * force;
-        }
-    }
-    ([acceleration1, acceleration2], force)
-}
-
-/// Solves a 3 x 3 system by Cramer's rule; its determinant is that of a mass matrix
-/// bordered by a constraint and does not vanish away from singular configurations.
-fn solve3<T: Real>(m: &[[T; 3]; 3], b: &[T; 3]) -> [T; 3] {
-    let minor = |i: usize, j: usize| {
-        let (r, s) = ((i + 1) % 3, (i + 2) % 3);
-        let (u, v) = ((j + 1) % 3, (j + 2) % 3);
-        m[r][u] * m[s][v] - m[r][v] * m[s][u]
-    };
-    let determinant = m[0][0] * minor(0, 0) + m[0][1] * minor(0, 1) + m[0][2] * minor(0, 2);
-    core::array::from_fn(|j| {
-        (b[0] * minor(0, j) + b[1] * minor(1, j) + b[2] * minor(2, j)) / determinant
-    })
-}
-
 /// Kinetic energy plus elastic and gravitational potential, J, of the arm in `state`.
 /// Without the geometric stiffness, which has no potential in this formulation.
 pub fn energy(model: &ArmModel, state: State<'_, f64>) -> f64 {
@@ -603,6 +317,8 @@ pub fn energy(model: &ArmModel, state: State<'_, f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::configuration::Surface;
+    use crate::model::forward::{Actuation, Workspace, forward};
     use crate::testing;
 
     /// A state away from every symmetry, on the surface's position level.
@@ -629,8 +345,15 @@ mod tests {
                 geometric_stiffness: false,
             };
             let mut q_acceleration = vec![0.0; model.dof()];
-            let (acceleration, force) =
-                forward(&model, &surface, state, &drive, &mut q_acceleration);
+            let mut workspace = Workspace::new(&model);
+            let (acceleration, force) = forward(
+                &model,
+                &surface,
+                state,
+                &drive,
+                &mut workspace,
+                &mut q_acceleration,
+            );
             let motion = Motion {
                 joint: JointMotion {
                     angle: state.angle(),
@@ -761,8 +484,15 @@ mod tests {
                     torque,
                     geometric_stiffness: geometric,
                 };
-                let (acceleration, force) =
-                    forward(&model, &surface, State(&state), &drive, &mut q_acceleration);
+                let mut workspace = Workspace::new(&model);
+                let (acceleration, force) = forward(
+                    &model,
+                    &surface,
+                    State(&state),
+                    &drive,
+                    &mut workspace,
+                    &mut q_acceleration,
+                );
                 assert!((force - 1.7).abs() < 1e-9, "{force}");
                 assert!(
                     acceleration

@@ -1,7 +1,10 @@
 //! From a task to joint motion, deflection, torques and their table.
 
 pub mod collocation;
+mod elastic_bvp;
 pub mod limits;
 pub mod path;
 pub mod plan;
 pub mod table_fit;
+pub mod task;
+pub mod zeros;

@@ -20,12 +20,16 @@ impl Profile {
                 // fast modes of the elastic link magnify that; so from the nearer end, and
                 // the derivatives as 2772 (x (1 - x))^5 and its own.
                 let near = x.min(1.0 - x);
-                let share = C.iter().rev().fold(0.0, |sum, c| sum * near + c) * near.powi(6);
+                let near2 = near * near;
+                let rising =
+                    C.iter().rev().fold(0.0, |sum, c| sum * near + c) * (near2 * (near2 * near2));
                 let both = x * (1.0 - x);
+                let both2 = both * both;
+                let both4 = both2 * both2;
                 [
-                    if x <= 0.5 { share } else { 1.0 - share },
-                    2772.0 * both.powi(5),
-                    13860.0 * both.powi(4) * (1.0 - 2.0 * x),
+                    if x <= 0.5 { rising } else { 1.0 - rising },
+                    2772.0 * (both * both4),
+                    13860.0 * both4 * (1.0 - 2.0 * x),
                 ]
             }
         }
@@ -52,7 +56,7 @@ pub struct LinePath {
     pub to: [f64; 2],
     /// Time from start to end, s.
     pub duration: f64,
-    /// How the way is travelled.
+    /// How progress along it grows.
     pub profile: Profile,
 }
 
@@ -60,38 +64,42 @@ impl LinePath {
     /// The tip's motion at time `t`, s after the start; at rest outside the duration.
     pub fn at(&self, t: f64) -> TipMotion {
         let [s, ds, dds] = self.profile.at(t / self.duration);
-        let way = [self.to[0] - self.from[0], self.to[1] - self.from[1]];
+        let displacement = [self.to[0] - self.from[0], self.to[1] - self.from[1]];
         TipMotion {
-            position: [self.from[0] + way[0] * s, self.from[1] + way[1] * s],
-            velocity: way.map(|w| w * ds / self.duration),
-            acceleration: way.map(|w| w * dds / (self.duration * self.duration)),
+            position: [
+                self.from[0] + displacement[0] * s,
+                self.from[1] + displacement[1] * s,
+            ],
+            velocity: displacement.map(|w| w * ds / self.duration),
+            acceleration: displacement.map(|w| w * dds / (self.duration * self.duration)),
         }
     }
 
-    /// Length of the way, m.
+    /// Length of the line, m.
     pub fn length(&self) -> f64 {
-        (self.to[0] - self.from[0]).hypot(self.to[1] - self.from[1])
+        libm::hypot(self.to[0] - self.from[0], self.to[1] - self.from[1])
     }
 
-    /// Share of the way, 0 to 1, at which the line is nearest to the origin (joint 1).
-    pub fn nearest_share(&self) -> f64 {
-        let way = [self.to[0] - self.from[0], self.to[1] - self.from[1]];
-        let along = -(self.from[0] * way[0] + self.from[1] * way[1]);
-        (along / (way[0] * way[0] + way[1] * way[1])).clamp(0.0, 1.0)
+    /// Progress, 0 to 1, at which the line is nearest to the origin (joint 1).
+    pub fn nearest_progress(&self) -> f64 {
+        let displacement = [self.to[0] - self.from[0], self.to[1] - self.from[1]];
+        let along = -(self.from[0] * displacement[0] + self.from[1] * displacement[1]);
+        (along / (displacement[0] * displacement[0] + displacement[1] * displacement[1]))
+            .clamp(0.0, 1.0)
     }
 
-    /// Time, s, at which the given share of the way, 0 to 1, is reached.
-    pub fn time_of_share(&self, share: f64) -> f64 {
-        if share <= 0.0 {
+    /// Time, s, at which the given progress, 0 to 1, is reached.
+    pub fn time_at_progress(&self, progress: f64) -> f64 {
+        if progress <= 0.0 {
             return 0.0;
         }
-        if share >= 1.0 {
+        if progress >= 1.0 {
             return self.duration;
         }
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
-            if self.profile.at(middle)[0] < share {
+            if self.profile.at(middle)[0] < progress {
                 low = middle;
             } else {
                 high = middle;
@@ -125,10 +133,10 @@ mod tests {
         }
 
         #[test]
-        fn times_and_shares_belong_together(share in 0.001..0.999_f64) {
+        fn times_and_progress_belong_together(progress in 0.001..0.999_f64) {
             let line = LinePath { from: [0.7, 0.05], to: [0.2, 0.05], duration: 2.0, profile: Profile::Poly11 };
-            let t = line.time_of_share(share);
-            prop_assert!((line.at(t).position[0] - (0.7 - 0.5 * share)).abs() < 1e-12);
+            let t = line.time_at_progress(progress);
+            prop_assert!((line.at(t).position[0] - (0.7 - 0.5 * progress)).abs() < 1e-12);
         }
     }
 }

@@ -9,7 +9,7 @@
 //! classical method of order 4 costs more for that stability, and loses 5e-8 of the
 //! energy in a second.
 
-/// A stage: when it is taken, as a share of the step, and the stages before it that
+/// A stage: when it is taken, as a fraction of the step, and the stages before it that
 /// it builds on, with their weights.
 struct Stage {
     time: f64,
@@ -153,8 +153,8 @@ impl Integrator {
         }
     }
 
-    /// Takes `state` a step of `h` on. `derivative(share, state, slope)` writes the
-    /// time derivative of a state, at a share 0 to 1 of the step, to `slope`.
+    /// Takes `state` a step of `h` on. `derivative(fraction, state, slope)` writes the
+    /// time derivative of a state, at a fraction 0 to 1 of the step, to `slope`.
     pub fn step(
         &mut self,
         state: &mut [f64],
@@ -191,8 +191,8 @@ mod tests {
         let mut x = [1.0];
         for i in 0..steps {
             let t = f64::from(i) * h;
-            integrator.step(&mut x, h, |share, x, slope| {
-                slope[0] = x[0] * (t + share * h).cos();
+            integrator.step(&mut x, h, |fraction, x, slope| {
+                slope[0] = x[0] * (t + fraction * h).cos();
             });
         }
         (x[0] - 2.0_f64.sin().exp()).abs()

@@ -12,93 +12,16 @@
 //! out negative.
 
 use crate::model::arm_model::{ArmModel, ModelError, dot};
+use crate::model::configuration::{Configuration, State, Surface};
 use crate::model::dynamics;
-use crate::model::dynamics::{Actuation, Configuration, State, Surface};
-use crate::planner::plan::Plan;
+use crate::model::forward::{Actuation, Workspace, forward};
+use crate::plant::PlantParameters;
+use crate::plant::friction::friction;
 use crate::plant::integrator::{Integrator, STEP_TIMES_FREQUENCY};
-use flexor::model::ArmParameters;
 use flexor::number::Real;
 
 /// Most integration steps in a control period.
 pub const SUBSTEPS_MAX: u32 = 10_000;
-
-/// How the plant differs from the arm that was planned for.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PlantParameters {
-    /// Elements of link 2.
-    pub elements: usize,
-    /// Factor on link 2's bending stiffness.
-    pub bending_stiffness_scale: f64,
-    /// Factor on link 1's mass.
-    pub link1_mass_scale: f64,
-    /// Factor on link 2's mass.
-    pub link2_mass_scale: f64,
-    /// Factor on the damping ratio.
-    pub damping_scale: f64,
-    /// Root inertia, kg m^2; `None` for the arm's.
-    pub root_inertia_kgm2: Option<f64>,
-    /// Tip mass, kg; `None` for the arm's.
-    pub tip_mass_kg: Option<f64>,
-    /// Tip inertia, kg m^2; `None` for the arm's.
-    pub tip_inertia_kgm2: Option<f64>,
-    /// Viscous friction of the two joints, N m s/rad.
-    pub viscous_friction_nms_rad: [f64; 2],
-    /// Coulomb friction of the two joints, N m.
-    pub coulomb_friction_nm: [f64; 2],
-    /// Whether axial force changes the bending stiffness.
-    pub geometric_stiffness: bool,
-    /// Integration steps a control period; `None` derives them from the highest
-    /// frequency.
-    pub substeps: Option<u32>,
-}
-
-impl Default for PlantParameters {
-    /// The arm as it is, with eight elements.
-    fn default() -> Self {
-        Self {
-            elements: 8,
-            bending_stiffness_scale: 1.0,
-            link1_mass_scale: 1.0,
-            link2_mass_scale: 1.0,
-            damping_scale: 1.0,
-            root_inertia_kgm2: None,
-            tip_mass_kg: None,
-            tip_inertia_kgm2: None,
-            viscous_friction_nms_rad: [0.0; 2],
-            coulomb_friction_nm: [0.0; 2],
-            geometric_stiffness: false,
-            substeps: None,
-        }
-    }
-}
-
-impl PlantParameters {
-    /// The arm that the plant is.
-    pub fn arm(&self, planned: &ArmParameters) -> ArmParameters {
-        ArmParameters {
-            link1_mass_kg: planned.link1_mass_kg * self.link1_mass_scale,
-            link2_mass_kg: planned.link2_mass_kg * self.link2_mass_scale,
-            bending_stiffness_nm2: planned.bending_stiffness_nm2 * self.bending_stiffness_scale,
-            damping_ratio: planned.damping_ratio * self.damping_scale,
-            root_inertia_kgm2: self.root_inertia_kgm2.unwrap_or(planned.root_inertia_kgm2),
-            tip_mass_kg: self.tip_mass_kg.unwrap_or(planned.tip_mass_kg),
-            tip_inertia_kgm2: self.tip_inertia_kgm2.unwrap_or(planned.tip_inertia_kgm2),
-            ..*planned
-        }
-    }
-}
-
-/// State that the plant starts in.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Start {
-    /// The plan's first shape with the plan's elastic velocity.
-    PlanMoving,
-    /// The plan's first shape at rest.
-    #[default]
-    PlanAtRest,
-    /// The plant's own equilibrium under the planned force.
-    Equilibrium,
-}
 
 /// Why there is no plant.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -123,16 +46,27 @@ pub enum PlantError {
     },
 }
 
-/// Friction torques on the joints, N m, for the motors' rates (rad/s): viscous, and
-/// Coulomb made smooth over 0.01 rad/s so that the integration keeps its order.
-fn friction<T: Real>(parameters: &PlantParameters, rate: [T; 2]) -> [T; 2] {
-    const SMOOTH: f64 = 0.01;
-    [0, 1].map(|joint| {
-        let v = rate[joint];
-        let smooth = (v * v + T::from_f64(SMOOTH * SMOOTH)).sqrt();
-        T::from_f64(parameters.viscous_friction_nms_rad[joint]) * v
-            + T::from_f64(parameters.coulomb_friction_nm[joint]) * v / smooth
-    })
+/// State, laid out as [`State`], of a plant with `model` and `parameters` at rest at `angle`
+/// (rad), its tip pressing with `force` (N, inertial axes) on the surface.
+///
+/// # Errors
+/// [`PlantError::Buckled`].
+pub fn resting_state(
+    model: &ArmModel,
+    parameters: &PlantParameters,
+    angle: [f64; 2],
+    force: [f64; 2],
+) -> Result<Vec<f64>, PlantError> {
+    let geometric = parameters.geometric_stiffness;
+    let (q, _) =
+        dynamics::equilibrium(model, angle, force, geometric).ok_or(PlantError::Buckled)?;
+    Ok(state_of(angle, &q, &vec![0.0; model.dof()]))
+}
+
+/// State, laid out as [`State`], with joints at rest at `angle` (rad), the modal coordinates
+/// `q` and their rates `q_rate` (1/s).
+pub fn state_of(angle: [f64; 2], q: &[f64], q_rate: &[f64]) -> Vec<f64> {
+    [&angle, &[0.0; 2], q, q_rate].concat()
 }
 
 /// Writes the time derivative of `state` to `derivative` and returns the contact
@@ -145,22 +79,19 @@ pub fn derivative<T: Real>(
     torque: [T; 2],
     state: &[T],
     derivative: &mut [T],
+    workspace: &mut Workspace<T>,
 ) -> T {
     let n = model.dof();
     let view = State(state);
     let [rate1, rate2] = view.rate();
-    let root_rate = view
-        .q_rate()
-        .iter()
-        .zip(&model.root_slope)
-        .fold(T::ZERO, |sum, (v, e)| sum + T::from_f64(*e) * *v);
+    let root_rate = dot(&model.root_slope, view.q_rate());
     let lost = friction(parameters, [rate1, rate2 + root_rate - rate1]);
     let drive = Actuation {
         torque: [torque[0] - lost[0], torque[1] - lost[1]],
         geometric_stiffness: parameters.geometric_stiffness,
     };
-    let (acceleration, force) =
-        dynamics::forward(model, surface, view, &drive, &mut derivative[4 + n..]);
+    let q_acceleration = &mut derivative[4 + n..];
+    let (acceleration, force) = forward(model, surface, view, &drive, workspace, q_acceleration);
     derivative[0] = rate1;
     derivative[1] = rate2;
     derivative[2] = acceleration[0];
@@ -187,82 +118,107 @@ pub struct Reading {
 }
 
 /// The simulated arm.
+///
+/// At rest under the torques that hold it, it stays so:
+///
+/// ```
+/// use flexor_sim::files::config::{self, DEFAULT_ARM};
+/// use flexor_sim::model::configuration::Surface;
+/// use flexor_sim::model::dynamics::equilibrium;
+/// use flexor_sim::plant::{Plant, PlantParameters, resting_state};
+///
+/// let arm = config::parse_arm("arm.toml", DEFAULT_ARM)?.arm;
+/// let parameters = PlantParameters::default();
+/// let model = parameters.model(&arm)?;
+/// // The tip at (0.6, 0.05) m presses with 2 N on a surface below it; a2 points down.
+/// let surface = Surface { normal: [0.0, 1.0], offset_m: 0.05 };
+/// let angle = model.kinematics.inverse([0.6, 0.05], arm.elbow).expect("in reach");
+/// let force = surface.normal.map(|n| 2.0 * n);
+/// let (_, torque) = equilibrium(&model, angle, force, false).expect("it does not buckle");
+///
+/// let state = resting_state(&model, &parameters, angle, force)?;
+/// let mut plant = Plant::new(model, &parameters, surface, 1.0 / 5000.0, state)?;
+/// for _ in 0..500 {
+///     plant.advance(torque);
+/// }
+/// assert!((plant.read(torque).force - 2.0).abs() < 1e-8);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Plant {
     model: ArmModel,
     parameters: PlantParameters,
     surface: Surface,
-    /// Integration step, s.
-    step: f64,
-    /// Steps a control period.
+    /// Control period, s.
+    period: f64,
+    /// Integration steps in it.
     substeps: u32,
     /// Steps taken so far.
     steps: u64,
     state: Vec<f64>,
+    /// Reused, so that a period allocates nothing: see [`read`](Self::read).
+    slope: Vec<f64>,
+    workspace: Workspace<f64>,
     integrator: Integrator,
 }
 
 impl Plant {
-    /// The plant for `plan`, at the plan's first tick.
+    /// The plant with `model` (see [`PlantParameters::model`]) and its tip on `surface`, for
+    /// control periods of `period_s` (s), in `state`, laid out as [`State`].
+    ///
+    /// The integration step is chosen for the configuration of `state`; see
+    /// [`prepare_for`](Self::prepare_for).
     ///
     /// # Errors
-    /// [`PlantError`].
+    /// [`PlantError::TooStiff`].
+    ///
+    /// # Panics
+    /// If `state` has other than 4 + 2 [`ArmModel::dof`] numbers.
     pub fn new(
-        plan: &Plan,
+        model: ArmModel,
         parameters: &PlantParameters,
-        start: Start,
+        surface: Surface,
+        period_s: f64,
+        state: Vec<f64>,
     ) -> Result<Self, PlantError> {
-        let model = ArmModel::new(&parameters.arm(&plan.model.arm), parameters.elements)?;
-        let n = model.dof();
-        let mut sampler = plan.sampler();
-        let point = sampler.at(plan.time(0));
-        let (q, q_rate) = match start {
-            Start::PlanMoving => (
-                model.adopt(&plan.model, sampler.q()),
-                model.adopt(&plan.model, sampler.q_rate()),
-            ),
-            Start::PlanAtRest => (model.adopt(&plan.model, sampler.q()), vec![0.0; n]),
-            Start::Equilibrium => {
-                let geometric = parameters.geometric_stiffness;
-                let angle = point.joint.angle;
-                let (q, _) = dynamics::equilibrium(&model, angle, plan.force(), geometric)
-                    .ok_or(PlantError::Buckled)?;
-                (q, vec![0.0; n])
-            }
-        };
-        let mut state = Vec::with_capacity(4 + 2 * n);
-        state.extend(point.joint.angle);
-        state.extend([0.0; 2]);
-        state.extend(q);
-        state.extend(q_rate);
-
-        let period = 1.0 / f64::from(plan.tick_rate_hz);
-        let ends = [0, plan.points.len() - 1].map(|i| plan.points[i].joint.angle);
-        let frequency = ends
-            .iter()
-            .map(|angle| highest_frequency(&model, &plan.surface, *angle))
-            .fold(0.0, f64::max);
-        let needed = (frequency * period / STEP_TIMES_FREQUENCY).ceil().max(1.0);
-        let substeps = match parameters.substeps {
-            Some(substeps) => substeps,
-            None if needed <= f64::from(SUBSTEPS_MAX) => needed as u32,
-            None => {
-                return Err(PlantError::TooStiff {
-                    frequency_hz: frequency / core::f64::consts::TAU,
-                    substeps: needed,
-                });
-            }
-        };
-        Ok(Self {
+        assert_eq!(state.len(), 4 + 2 * model.dof(), "length of the state");
+        let angle = State(state.as_slice()).angle();
+        let mut plant = Self {
+            slope: vec![0.0; state.len()],
+            workspace: Workspace::new(&model),
             model,
             parameters: *parameters,
-            surface: plan.surface,
-            step: period / f64::from(substeps),
-            substeps,
+            surface,
+            period: period_s,
+            substeps: parameters.substeps.unwrap_or(1),
             steps: 0,
             integrator: Integrator::new(state.len()),
             state,
-        })
+        };
+        plant.prepare_for(angle)?;
+        Ok(plant)
+    }
+
+    /// Chooses a shorter integration step if the configuration `angle` (rad), which the
+    /// plant is going to be in, needs it: frequencies depend on the configuration.
+    /// [`PlantParameters::substeps`] prevails. To be called before the first step.
+    ///
+    /// # Errors
+    /// [`PlantError::TooStiff`].
+    pub fn prepare_for(&mut self, angle: [f64; 2]) -> Result<(), PlantError> {
+        if self.parameters.substeps.is_some() {
+            return Ok(());
+        }
+        let frequency = highest_frequency(&self.model, &self.surface, angle);
+        let needed = (frequency * self.period / STEP_TIMES_FREQUENCY).ceil();
+        if !(needed <= f64::from(SUBSTEPS_MAX)) {
+            return Err(PlantError::TooStiff {
+                frequency_hz: frequency / core::f64::consts::TAU,
+                substeps: needed,
+            });
+        }
+        self.substeps = self.substeps.max(needed as u32);
+        Ok(())
     }
 
     /// The plant's model.
@@ -290,17 +246,17 @@ impl Plant {
         self.project();
     }
 
-    /// What can be seen, with the drives giving `torque` (N m): the contact force
-    /// follows the torque at once.
-    pub fn read(&self, torque: [f64; 2]) -> Reading {
-        let mut slope = vec![0.0; self.state.len()];
+    /// Outputs y(x, u) of the present state with `torque` (N m) on the joints: the contact
+    /// force depends on the present torque (direct feed-through).
+    pub fn read(&mut self, torque: [f64; 2]) -> Reading {
         let force = derivative(
             &self.model,
             &self.parameters,
             &self.surface,
             torque,
             &self.state,
-            &mut slope,
+            &mut self.slope,
+            &mut self.workspace,
         );
         let state = State(self.state.as_slice());
         Reading {
@@ -331,18 +287,19 @@ impl Plant {
     /// One control period with the torque (N m) as a function of the time since the
     /// plant's start, s.
     pub fn advance_with(&mut self, mut torque: impl FnMut(f64) -> [f64; 2]) {
-        let h = self.step;
+        let h = self.period / f64::from(self.substeps);
         for _ in 0..self.substeps {
             let t = self.steps as f64 * h;
             self.integrator
-                .step(&mut self.state, h, |share, state, slope| {
+                .step(&mut self.state, h, |fraction, state, slope| {
                     derivative(
                         &self.model,
                         &self.parameters,
                         &self.surface,
-                        torque(t + share * h),
+                        torque(t + fraction * h),
                         state,
                         slope,
+                        &mut self.workspace,
                     );
                 });
             self.project();
@@ -356,8 +313,8 @@ impl Plant {
         let normal = self.surface.normal;
         // The step's error is far below 1e-7 m, and Newton squares it.
         for _ in 0..2 {
-            let (s1, c1) = (self.state[0].sin(), self.state[0].cos());
-            let (s2, c2) = (self.state[1].sin(), self.state[1].cos());
+            let (s1, c1) = libm::sincos(self.state[0]);
+            let (s2, c2) = libm::sincos(self.state[1]);
             let gradient = [
                 r1 * (normal[1] * c1 - normal[0] * s1),
                 r2 * (normal[1] * c2 - normal[0] * s2),
@@ -378,7 +335,7 @@ impl Plant {
 }
 
 /// Upper bound on the angular frequencies, rad/s, of the arm at `angle` with its tip
-/// on `surface`: eliminating the sliding motion leaves the modes with a reduced mass
+/// on `surface`: eliminating the motion along it leaves the modes with a reduced mass
 /// `1 - h h' / m`, whose stiffness is at most `omega_max^2 + |omega h|^2 / (m - h.h)`.
 fn highest_frequency(model: &ArmModel, surface: &Surface, angle: [f64; 2]) -> f64 {
     let configuration = Configuration::new(model, angle);
@@ -405,42 +362,39 @@ fn highest_frequency(model: &ArmModel, surface: &Surface, angle: [f64; 2]) -> f6
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::planner::path::{LinePath, Profile};
-    use crate::planner::plan::{PlanOptions, Task, Window, plan};
     use crate::testing;
+    use flexor::model::ArmParameters;
 
-    fn task(duration: f64) -> Task {
-        Task {
-            path: LinePath {
-                from: [0.7, 0.05],
-                to: [0.2, 0.05],
-                duration,
-                profile: Profile::Poly11,
-            },
-            normal_force: 2.0,
-            direction: None,
-            pre_actuation: Window::Fixed(0.0),
-            post_actuation: Window::Fixed(0.0),
-        }
-    }
+    /// Where the paper's path starts, pressed downwards with 2 N.
+    const SURFACE: Surface = Surface {
+        normal: [0.0, 1.0],
+        offset_m: 0.05,
+    };
+    const FORCE: [f64; 2] = [0.0, 2.0];
+    const PERIOD_S: f64 = 1.0 / 5000.0;
 
-    fn free_arm() -> ArmParameters {
-        ArmParameters {
-            gravity_m_s2: [0.0, 0.0],
-            damping_ratio: 0.0,
-            ..testing::PAPER
-        }
+    /// `arm` at rest on the surface under [`FORCE`] as the plant with `parameters` bends,
+    /// with control periods of `period_s`.
+    fn resting(arm: &ArmParameters, parameters: &PlantParameters, period_s: f64) -> Plant {
+        let model = parameters.model(arm).unwrap();
+        let angle = model.kinematics.inverse([0.7, 0.05], arm.elbow).unwrap();
+        let state = resting_state(&model, parameters, angle, FORCE).unwrap();
+        Plant::new(model, parameters, SURFACE, period_s, state).unwrap()
     }
 
     /// A plant that slides and rings freely, without torque, gravity or damping.
-    fn ringing(options: &PlanOptions, substeps: Option<u32>, elements: usize) -> Plant {
-        let plan = plan(&free_arm(), &task(2.0), options).unwrap();
+    fn ringing(period_s: f64, substeps: Option<u32>, elements: usize) -> Plant {
+        let arm = ArmParameters {
+            gravity_m_s2: [0.0, 0.0],
+            damping_ratio: 0.0,
+            ..testing::PAPER
+        };
         let parameters = PlantParameters {
             elements,
             substeps,
             ..PlantParameters::default()
         };
-        let mut plant = Plant::new(&plan, &parameters, Start::PlanAtRest).unwrap();
+        let mut plant = resting(&arm, &parameters, period_s);
         let mut state = plant.state().to_vec();
         // The bent link is let go while the tip slides at about 0.5 m/s.
         state[2] = 1.0;
@@ -479,7 +433,7 @@ mod tests {
     fn energy_is_kept_for_a_second() {
         for elements in [3, 8] {
             // The three lowest modes ring, at the step that the plant chooses itself.
-            let mut plant = ringing(&PlanOptions::default(), None, elements);
+            let mut plant = ringing(PERIOD_S, None, elements);
             let mut state = plant.state().to_vec();
             state[4..4 + 2 * elements].fill(0.0);
             state[4..7].copy_from_slice(&[8e-3, 2e-3, 5e-4]);
@@ -488,7 +442,7 @@ mod tests {
             assert!(drift < 1e-9, "{elements} elements: {drift:e}");
 
             // The bent link is let go, which rings all modes up to the highest.
-            let plant = ringing(&PlanOptions::default(), Some(12), elements);
+            let plant = ringing(PERIOD_S, Some(12), elements);
             let drift = energy_drift(plant);
             assert!(drift < 1e-9, "{elements} elements, let go: {drift:e}");
         }
@@ -497,12 +451,8 @@ mod tests {
     #[test]
     fn halving_the_step_divides_the_error_by_two_to_the_eighth() {
         // At 1 kHz the error is far enough above rounding.
-        let slow = PlanOptions {
-            tick_rate_hz: 1000,
-            ..PlanOptions::default()
-        };
         let after = |substeps: u32| {
-            let mut plant = ringing(&slow, Some(substeps), 3);
+            let mut plant = ringing(1e-3, Some(substeps), 3);
             (0..50).for_each(|_| plant.advance([0.5, 0.1]));
             plant.state().to_vec()
         };
@@ -520,17 +470,16 @@ mod tests {
     #[test]
     fn the_plants_own_equilibrium_rests_on_the_planned_force() {
         for geometric_stiffness in [false, true] {
-            let plan = plan(&testing::PAPER, &task(2.0), &PlanOptions::default()).unwrap();
             let parameters = PlantParameters {
                 bending_stiffness_scale: 0.9,
                 geometric_stiffness,
                 ..PlantParameters::default()
             };
-            let mut plant = Plant::new(&plan, &parameters, Start::Equilibrium).unwrap();
+            let mut plant = resting(&testing::PAPER, &parameters, PERIOD_S);
             let geometric = parameters.geometric_stiffness;
             let angle = State(plant.state()).angle();
             let (_, torque) =
-                dynamics::equilibrium(plant.model(), angle, plan.force(), geometric).unwrap();
+                dynamics::equilibrium(plant.model(), angle, FORCE, geometric).unwrap();
             for _ in 0..500 {
                 plant.advance(torque);
             }
@@ -542,7 +491,7 @@ mod tests {
 
     #[test]
     fn friction_takes_energy() {
-        let mut plant = ringing(&PlanOptions::default(), Some(2), 3);
+        let mut plant = ringing(PERIOD_S, Some(2), 3);
         plant.parameters.viscous_friction_nms_rad = [0.05, 0.002];
         plant.parameters.coulomb_friction_nm = [0.02, 0.001];
         let mut before = energy(&plant);
@@ -556,7 +505,7 @@ mod tests {
 
     #[test]
     fn the_frequency_bound_bounds_and_is_tight() {
-        let plant = ringing(&PlanOptions::default(), None, 8);
+        let plant = ringing(PERIOD_S, None, 8);
         let bound = highest_frequency(&plant.model, &plant.surface, [0.96, -0.71]);
         let highest = plant.model.angular_frequency.last().copied().unwrap();
         assert!(
@@ -566,11 +515,7 @@ mod tests {
         // It is the true highest frequency to a third: with a step at 5.9 by the bound the
         // method is stable, with twice that it is not.
         let steady = |limit: f64| {
-            let options = PlanOptions {
-                tick_rate_hz: (bound / limit).ceil() as u32,
-                ..PlanOptions::default()
-            };
-            let mut plant = ringing(&options, Some(1), 8);
+            let mut plant = ringing(limit / bound, Some(1), 8);
             (0..2000).for_each(|_| plant.advance([0.0; 2]));
             plant.state().iter().all(|x| x.abs() < 100.0)
         };

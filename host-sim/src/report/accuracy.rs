@@ -1,14 +1,11 @@
 //! The report of the number types' accuracy: figures as SVG files and a page.
 
 use super::figures::{accuracy_figures, number};
-use super::{ReportError, write_file};
+use super::{ReportError, page};
 use crate::analysis::fixed_point::accuracy::{Accuracy, Errors};
-use minijinja::{Environment, Value, context};
+use minijinja::context;
 use serde::Serialize;
 use std::path::Path;
-
-/// The page's template; it escapes all text by itself.
-const TEMPLATE: &str = include_str!("accuracy.html");
 
 /// A row of the table of results.
 #[derive(Serialize)]
@@ -18,52 +15,29 @@ struct Row {
     values: [String; 6],
 }
 
-/// Writes `accuracy_time.svg` and `accuracy_histogram.svg` into `folder`, and the page
-/// with them, a table and the `notes`, pairs of a name and a fact.
+/// Writes `accuracy_time.svg` and `accuracy_histogram.svg` into `folder`, and to `file`
+/// the page with them, a table and the `notes`, pairs of a name and a fact.
 ///
 /// # Errors
 /// [`ReportError`].
 pub fn write_accuracy(
     folder: &Path,
-    page: &Path,
+    file: &Path,
     accuracies: &[Accuracy],
     notes: &[(String, String)],
 ) -> Result<(), ReportError> {
     let figures = accuracy_figures(accuracies)?;
-    for figure in &figures {
-        write_file(&folder.join(format!("{}.svg", figure.name)), &figure.svg)?;
-    }
-    let figures: Vec<Value> = figures
-        .into_iter()
-        .map(|figure| {
-            // In HTML the elements need no name space, and so the page no address.
-            let svg = figure
-                .svg
-                .replacen(r#" xmlns="http://www.w3.org/2000/svg""#, "", 1);
-            context! {
-                name => figure.name,
-                caption => figure.caption,
-                svg => Value::from_safe_string(svg),
-            }
-        })
-        .collect();
-    let rows: Vec<Row> = accuracies.iter().flat_map(rows).collect();
-    let failed = |error: minijinja::Error| ReportError::Page {
-        path: page.to_path_buf(),
-        reason: error.to_string(),
+    page::write_svgs(folder, &figures)?;
+    let values = context! {
+        title => "Flexor: accuracy of the number types against f64",
+        rows => accuracies.iter().flat_map(rows).collect::<Vec<Row>>(),
+        figures => page::embedded(figures),
+        notes,
     };
-    let mut environment = Environment::new();
-    // The name's ending turns escaping on.
-    environment
-        .add_template("accuracy.html", TEMPLATE)
-        .map_err(failed)?;
-    let text = environment
-        .get_template("accuracy.html")
-        .and_then(|template| template.render(context! { rows, notes, figures }))
-        .map_err(failed)?;
-    write_file(page, &text)
+    page::write(file, "accuracy.html", &values)
 }
 
+/// A number type's rows of the table.
 fn rows(a: &Accuracy) -> [Row; 4] {
     let row = |trial, errors: &Errors, closed: bool| {
         let only = |value| if closed { number(value) } else { String::new() };

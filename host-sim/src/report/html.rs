@@ -2,24 +2,15 @@
 //! scripts still the table and the figures.
 
 use super::figures::gains::{self, Gains};
-use super::figures::{Figure, POINTS_MAX, decimate, figures, force_axis, number};
-use super::{Case, ReportError, write_file};
+use super::figures::{POINTS_MAX, decimate, figures, force_axis, number};
+use super::{Case, ReportError, page};
 use crate::analysis::stability::path::Summary;
-use crate::model::arm_model::outline;
+use crate::model::arm_model::deflection_matrix;
 use crate::simulation::closed_loop::SHAPE_STRIDE;
-use minijinja::{Environment, Value, context};
+use minijinja::{Value, context};
 use nalgebra::DVector;
 use serde::Serialize;
 use std::path::Path;
-
-/// The page's template; it escapes all text by itself.
-const TEMPLATE: &str = include_str!("report.html");
-
-/// The template of the page on gains.
-const GAINS_TEMPLATE: &str = include_str!("gains.html");
-
-/// What both pages look like.
-const STYLE: &str = include_str!("style.css");
 
 /// Most frames of a case in the player.
 const FRAMES_MAX: usize = 1000;
@@ -84,7 +75,7 @@ impl Motion {
     fn new(case: &Case) -> Self {
         let (plan, run) = (case.plan, case.run);
         let arm = &plan.model.arm;
-        let shape = outline(arm, run.elements, INTERVALS);
+        let shape = deflection_matrix(arm, run.elements, INTERVALS);
         let frames: Vec<usize> = {
             let all = run
                 .shapes
@@ -183,26 +174,16 @@ pub fn write_html(
     cases: &[Case],
     notes: &[(String, String)],
 ) -> Result<(), ReportError> {
-    let page = page(title, cases, notes).map_err(|error| match error {
-        PageError::Report(error) => error,
-        PageError::Other(reason) => ReportError::Page {
-            path: path.to_path_buf(),
-            reason,
-        },
-    })?;
-    write_file(path, &page)
+    page::write(path, "report.html", &values(title, cases, notes, path)?)
 }
 
-/// Why there is no page.
-#[derive(Debug)]
-enum PageError {
-    Report(ReportError),
-    Other(String),
-}
-
-/// The page.
-fn page(title: &str, cases: &[Case], notes: &[(String, String)]) -> Result<String, PageError> {
-    let other = |error: &dyn std::error::Error| PageError::Other(error.to_string());
+/// What the page's template takes; `path` is where it goes.
+fn values(
+    title: &str,
+    cases: &[Case],
+    notes: &[(String, String)],
+    path: &Path,
+) -> Result<Value, ReportError> {
     let rows: Vec<Row> = cases
         .iter()
         .map(|case| {
@@ -219,47 +200,19 @@ fn page(title: &str, cases: &[Case], notes: &[(String, String)]) -> Result<Strin
             }
         })
         .collect();
-    let figures = embedded(figures(cases).map_err(PageError::Report)?);
+    let figures = page::embedded(figures(cases)?);
     let motions: Vec<Motion> = cases.iter().map(Motion::new).collect();
-    let data = script_json(&motions).map_err(|error| other(&error))?;
-
-    let values = context! {
+    let data = script_json(&motions).map_err(|error| ReportError::Page {
+        path: path.to_path_buf(),
+        reason: error.to_string(),
+    })?;
+    Ok(context! {
         title,
-        style => Value::from_safe_string(STYLE.into()),
         rows,
         notes,
         figures,
         data => Value::from_safe_string(data),
-    };
-    render(TEMPLATE, &values)
-}
-
-/// Figures as the templates take them.
-fn embedded(figures: Vec<Figure>) -> Vec<Value> {
-    figures
-        .into_iter()
-        .map(|figure| {
-            // In HTML the elements need no name space, and so the page no address.
-            let svg = figure
-                .svg
-                .replacen(r#" xmlns="http://www.w3.org/2000/svg""#, "", 1);
-            context! {
-                name => figure.name,
-                caption => figure.caption,
-                svg => Value::from_safe_string(svg),
-            }
-        })
-        .collect()
-}
-
-/// A page of `template`; all text is escaped.
-fn render(template: &str, values: &Value) -> Result<String, PageError> {
-    let mut environment = Environment::new();
-    // A name's ending turns escaping on.
-    environment
-        .add_template("page.html", template)
-        .and_then(|()| environment.get_template("page.html")?.render(values))
-        .map_err(|error| PageError::Other(error.to_string()))
+    })
 }
 
 /// What the page on gains shows.
@@ -285,9 +238,7 @@ pub struct GainsPage<'a> {
 /// [`ReportError`].
 pub fn write_gains(dir: &Path, content: &GainsPage<'_>) -> Result<(), ReportError> {
     let figures = gains::figures(&content.gains)?;
-    for figure in &figures {
-        write_file(&dir.join(format!("{}.svg", figure.name)), &figure.svg)?;
-    }
+    page::write_svgs(dir, &figures)?;
     let rows: Vec<Value> = content
         .plants
         .iter()
@@ -306,26 +257,23 @@ pub fn write_gains(dir: &Path, content: &GainsPage<'_>) -> Result<(), ReportErro
         .collect();
     let values = context! {
         title => content.title,
-        style => Value::from_safe_string(STYLE.into()),
         warnings => content.warnings,
         rows,
-        figures => embedded(figures),
+        figures => page::embedded(figures),
         notes => content.notes,
     };
-    let path = dir.join("report.html");
-    let page = render(GAINS_TEMPLATE, &values).map_err(|error| match error {
-        PageError::Report(error) => error,
-        PageError::Other(reason) => ReportError::Page {
-            path: path.clone(),
-            reason,
-        },
-    })?;
-    write_file(&path, &page)
+    page::write(&dir.join("report.html"), "gains.html", &values)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn page(title: &str, cases: &[Case], notes: &[(String, String)]) -> String {
+        let values = values(title, cases, notes, Path::new("report.html")).unwrap();
+        crate::report::page::render("report.html", &values).unwrap()
+    }
+
     use crate::report::testing::short_run;
 
     /// The text between two marks.
@@ -344,7 +292,7 @@ mod tests {
             run: &run,
         };
         let notes = [("Plan time".to_owned(), "0.4 s".to_owned())];
-        let page = page("Report", &[case], &notes).unwrap();
+        let page = page("Report", &[case], &notes);
         for outside in [
             "http:", "https:", "src=", "href=", "url(", "@import", "<link", "fetch(", "import(",
         ] {
@@ -370,7 +318,7 @@ mod tests {
             run: &run,
         };
         let notes = [(hostile.to_owned(), hostile.to_owned())];
-        let page = page(hostile, &[case], &notes).unwrap();
+        let page = page(hostile, &[case], &notes);
         assert!(!page.contains("alert(1)</script>") && !page.contains("<script>alert"));
         assert!(page.contains("&lt;script&gt;alert(1)"));
         assert!(!page.contains("<!--"));
@@ -436,11 +384,11 @@ mod tests {
                 plan: &plan,
                 run,
             };
-            assert!(page("t", &[case], &[]).unwrap().contains("</html>"));
+            assert!(page("t", &[case], &[]).contains("</html>"));
         }
         assert!(matches!(
-            page("t", &[], &[]),
-            Err(PageError::Report(ReportError::NoCases))
+            values("t", &[], &[], Path::new("report.html")),
+            Err(ReportError::NoCases)
         ));
     }
 

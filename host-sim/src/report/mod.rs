@@ -4,9 +4,13 @@
 //! Glossary: a *case* is a controller with its start, e.g. `feedforward`; a *plant* is
 //! the simulated arm it ran on, e.g. `stiffness_x0.9`.
 
+// Coordinates of drawings and decimals of words decide nothing.
+#![allow(clippy::disallowed_methods)]
+
 mod accuracy;
 mod figures;
 mod html;
+mod page;
 
 use crate::planner::plan::Plan;
 use crate::simulation::closed_loop::Run;
@@ -96,9 +100,11 @@ fn write_file(path: &Path, text: &str) -> Result<(), ReportError> {
 pub(crate) mod testing {
     //! A short planned motion and a run of it, made once for the tests.
     use crate::planner::path::{LinePath, Profile};
-    use crate::planner::plan::{Plan, PlanOptions, Task, Window, plan};
-    use crate::plant::{PlantParameters, Start};
-    use crate::simulation::closed_loop::{Run, RunOptions, run};
+    use crate::planner::plan::{Plan, PlanOptions, plan};
+    use crate::planner::task::{Task, Window};
+    use crate::plant::PlantParameters;
+    use crate::simulation::closed_loop::{Run, RunOptions, Simulation};
+    use crate::simulation::start::Start;
     use crate::testing::PAPER;
     use flexor::control::{LawParameters, LimitParameters};
 
@@ -116,7 +122,7 @@ pub(crate) mod testing {
             post_actuation: Window::Fixed(0.0),
         };
         let plan = plan(&PAPER, &task, &PlanOptions::default()).unwrap();
-        let image = crate::planner::table_fit::encode(&plan).unwrap().image;
+        let image = crate::planner::table_fit::fit_table(&plan).unwrap().image;
         let options = RunOptions {
             law: LawParameters::FEEDFORWARD,
             limits: LimitParameters {
@@ -129,7 +135,9 @@ pub(crate) mod testing {
             },
             start: Start::PlanAtRest,
         };
-        let run = run::<f32>(&plan, &image, &options).unwrap();
+        let run = Simulation::<f32>::new(&plan, &image, &options)
+            .unwrap()
+            .run(|_| {});
         (plan, run)
     }
 }

@@ -1,8 +1,9 @@
 //! The demo's cases: the paper's figures 3 to 6, and the same path five times faster
 //! from rest, each on the nominal plant and on one with 0.9 of the bending stiffness.
 
-use crate::planner::plan::{Task, Window};
-use crate::plant::{PlantParameters, Start};
+use crate::planner::task::{Task, Window};
+use crate::plant::PlantParameters;
+use crate::simulation::start::Start;
 use flexor::control::LawParameters;
 
 /// Which part of the control law acts.

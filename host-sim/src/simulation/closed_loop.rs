@@ -1,9 +1,12 @@
 //! The controller and the plant in lock-step: measure, tick, hold, again. The
 //! simulation owns time; nothing waits for a clock.
 
+use crate::model::configuration::State;
 use crate::planner::plan::Plan;
-use crate::plant::{Plant, PlantError, PlantParameters, Reading, Start};
+use crate::plant::{Plant, PlantError, PlantParameters, Reading};
+use crate::simulation::start::{Start, plant_for};
 use flexor::control::{Command, Controller, LawParameters, LimitParameters, Mismatch};
+use flexor::fault::Fault;
 use flexor::number::TableScalar;
 use flexor::signals::{Formats, Measurement, Saturation};
 use flexor::table::{Table, TableError};
@@ -39,8 +42,8 @@ impl LogRow {
 
     /// Distance of the tip from where it should be, m.
     pub fn tip_error(&self) -> f64 {
-        (self.reading.tip[0] - self.tip_reference[0])
-            .hypot(self.reading.tip[1] - self.tip_reference[1])
+        let off = [0, 1].map(|i| self.reading.tip[i] - self.tip_reference[i]);
+        libm::hypot(off[0], off[1])
     }
 }
 
@@ -58,7 +61,7 @@ pub enum Outcome {
     /// run stopped there.
     Diverged,
     /// The controller latched a fault and gave no torque from there on.
-    Fault(flexor::fault::Fault),
+    Fault(Fault),
 }
 
 impl Outcome {
@@ -151,120 +154,233 @@ pub fn measurement(reading: &Reading) -> Measurement<f64> {
     }
 }
 
-/// Runs the controller, in floating-point type `T`, on `image` (the plan's table) against
-/// a plant, from the plan's first tick to its last.
-///
-/// # Errors
-/// [`RunError`], before the first tick; what happens later is the [`Outcome`].
-pub fn run<T: TableScalar<Format = ()>>(
-    plan: &Plan,
-    image: &[u8],
-    options: &RunOptions,
-) -> Result<Run, RunError> {
-    run_with::<T>(plan, image, options, |_, _| {})
+/// What happened at a tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step<T> {
+    /// Number of the tick, from the plan's first.
+    pub tick: usize,
+    /// What the controller was given.
+    pub measured: Measurement<T>,
+    /// What the plant is given until the next tick.
+    pub command: Command<T>,
+    /// The same in SI, with what only a simulation can know.
+    pub row: LogRow,
 }
 
-/// As [`run`]; `observe` is shown every tick's measurement and command.
+/// A controller, of number type `T`, and a plant in lock-step along a plan.
 ///
-/// # Errors
-/// As [`run`].
-pub fn run_with<T: TableScalar<Format = ()>>(
-    plan: &Plan,
-    image: &[u8],
-    options: &RunOptions,
-    mut observe: impl FnMut(&Measurement<T>, &Command<T>),
-) -> Result<Run, RunError> {
-    run_through(plan, image, options, |measured, command| {
-        observe(measured, &command);
-        Some(command)
-    })
+/// ```
+/// use flexor_sim::files::config::{self, DEFAULT_ARM, DEFAULT_CONTROLLER, DEFAULT_TASK};
+/// use flexor_sim::planner::{limits::default_limits, plan, table_fit};
+/// use flexor_sim::simulation::{cases, closed_loop::{RunOptions, Simulation}, start::Start};
+///
+/// let arm = config::parse_arm("arm.toml", DEFAULT_ARM)?.arm;
+/// let task = config::parse_task("task.toml", DEFAULT_TASK)?;
+/// let plan = plan::plan(&arm, &task, &plan::PlanOptions::default())?;
+/// let image = table_fit::fit_table(&plan)?.image;
+/// let options = RunOptions {
+///     law: config::parse_controller("controller.toml", DEFAULT_CONTROLLER)?,
+///     limits: default_limits(&plan),
+///     plant: cases::plant(3, 1.0),
+///     start: Start::PlanAtRest,
+/// };
+/// let mut simulation = Simulation::<f32>::new(&plan, &image, &options)?;
+/// let step = simulation.step().expect("the motion has just begun");
+/// assert_eq!(step.row.torque, simulation.held());
+/// assert!((step.row.reading.force - task.normal_force).abs() < 1e-3);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct Simulation<'a, T: TableScalar> {
+    plan: &'a Plan,
+    controller: Controller<'a, T>,
+    formats: Formats<T::Format>,
+    plant: Plant,
+    /// Torques on the joints until the next tick, N m.
+    held: [f64; 2],
+    tick: usize,
+    over: bool,
 }
 
-/// As [`run`]; `answer` gets every tick's measurement and command and returns the command
-/// that the plant gets: another controller's, for one. `None` ends the run there.
-///
-/// # Errors
-/// As [`run`].
-pub fn run_through<T: TableScalar<Format = ()>>(
-    plan: &Plan,
-    image: &[u8],
-    options: &RunOptions,
-    answer: impl FnMut(&Measurement<T>, Command<T>) -> Option<Command<T>>,
-) -> Result<Run, RunError> {
-    let table = Table::open(image)?;
-    let mut controller =
-        Controller::<T>::new(&table, &plan.model.arm, &options.law, &options.limits)?;
-    run_controller(plan, &mut controller, &Formats::default(), options, answer)
-}
-
-/// As [`run_through`], with a given controller of any number type, whose law and limits
-/// count instead of the options'.
-///
-/// # Errors
-/// [`PlantError`], before the first tick.
-pub fn run_controller<T: TableScalar>(
-    plan: &Plan,
-    controller: &mut Controller<'_, T>,
-    formats: &Formats<T::Format>,
-    options: &RunOptions,
-    mut answer: impl FnMut(&Measurement<T>, Command<T>) -> Option<Command<T>>,
-) -> Result<Run, RunError> {
-    let mut plant = Plant::new(plan, &options.plant, options.start)?;
-    let mut rows = Vec::with_capacity(plan.points.len());
-    let mut shapes = Vec::with_capacity(plan.points.len() / SHAPE_STRIDE + 1);
-    let mut fault = None;
-    // Before the first tick the arm was held at rest by the planned torques.
-    let mut held = plan.points[0].torque;
-    for (tick, point) in plan.points.iter().enumerate() {
-        let reading = plant.read(held);
-        if !in_reach(&reading, plan) {
-            break;
-        }
-        let measured = Measurement::from_si(&measurement(&reading), formats);
-        let Some(command) = answer(&measured, controller.tick(&measured)) else {
-            break;
-        };
-        fault = command.fault;
-        held = [0, 1].map(|joint| command.torque[joint].to_si(formats.torque[joint]));
-        rows.push(LogRow {
-            t: point.t,
-            reading,
-            tip_reference: point.tip.position,
-            force_reference: plan.task.normal_force,
-            torque: held,
-            saturation: command.saturation,
-            integral: T::of_sum(controller.state().integral).to_si(formats.force),
-        });
-        if tick % SHAPE_STRIDE == 0 {
-            let q = crate::model::dynamics::State(plant.state()).q();
-            shapes.push(plant.model().deflection(q).as_slice().to_vec());
-        }
-        plant.advance(held);
+impl<'a, T: TableScalar<Format = ()>> Simulation<'a, T> {
+    /// The controller, in floating-point type `T`, with `plan`'s table `image` against the
+    /// plant of `options`, before the plan's first tick.
+    ///
+    /// # Errors
+    /// [`RunError`]; what goes wrong later is the run's [`Outcome`].
+    pub fn new(plan: &'a Plan, image: &'a [u8], options: &RunOptions) -> Result<Self, RunError> {
+        let table = Table::open(image)?;
+        let (law, limits) = (&options.law, &options.limits);
+        let controller = Controller::new(&table, &plan.model.arm, law, limits)?;
+        let plant = plant_for(plan, &options.plant, options.start)?;
+        let formats = Formats::default();
+        Ok(Self::with_controller(plan, controller, &formats, plant))
     }
-    let complete = rows.len() == plan.points.len();
-    let summary = summarise(&rows, |summary| match fault {
-        Some(fault) => Outcome::Fault(fault),
-        None if !complete => Outcome::Diverged,
-        None if summary.tip_error_max > TIP_ERROR_LIMIT_M => Outcome::TipOffPath,
-        None if summary.force_min < 0.0 => Outcome::ContactLost,
-        None => Outcome::Completed,
-    });
-    Ok(Run {
-        rows,
-        summary,
-        shapes,
-        elements: plant.model().elements,
-    })
+}
+
+impl<'a, T: TableScalar> Simulation<'a, T> {
+    /// A given `controller`, whose signals have `formats`, against a given `plant`, which is
+    /// in the state that it has at the plan's first tick.
+    pub fn with_controller(
+        plan: &'a Plan,
+        controller: Controller<'a, T>,
+        formats: &Formats<T::Format>,
+        plant: Plant,
+    ) -> Self {
+        Self {
+            plan,
+            controller,
+            formats: *formats,
+            plant,
+            // Before the first tick the arm was held at rest by the planned torques.
+            held: plan.points[0].torque,
+            tick: 0,
+            over: false,
+        }
+    }
+
+    /// Holds the last command for a control period (none before the first tick), measures and
+    /// ticks. `None`, now and for ever, when the plan has no tick left or the plant's state is
+    /// undefined or out of the arm's reach.
+    pub fn step(&mut self) -> Option<Step<T>> {
+        let own = |_: &Measurement<T>, command| Ok::<_, core::convert::Infallible>(command);
+        match self.step_with(own) {
+            Ok(step) => step,
+            Err(never) => match never {},
+        }
+    }
+
+    /// As [`step`](Self::step), but the plant gets what `replace` makes of the measurement and
+    /// the own controller's command: that of another controller, for one.
+    ///
+    /// # Errors
+    /// Those of `replace`, which end the simulation.
+    pub fn step_with<E>(
+        &mut self,
+        replace: impl FnOnce(&Measurement<T>, Command<T>) -> Result<Command<T>, E>,
+    ) -> Result<Option<Step<T>>, E> {
+        let tick = self.tick;
+        let Some(point) = self.plan.points.get(tick).filter(|_| !self.over) else {
+            return Ok(None);
+        };
+        if tick > 0 {
+            self.plant.advance(self.held);
+        }
+        let reading = self.plant.read(self.held);
+        // Until this tick is through.
+        self.over = true;
+        if !in_reach(&reading, self.plan) {
+            return Ok(None);
+        }
+        let measured = Measurement::from_si(&measurement(&reading), &self.formats);
+        let command = replace(&measured, self.controller.tick(&measured))?;
+        self.held = [0, 1].map(|i| command.torque[i].to_si(self.formats.torque[i]));
+        self.tick += 1;
+        self.over = false;
+        Ok(Some(Step {
+            tick,
+            measured,
+            command,
+            row: LogRow {
+                t: point.t,
+                reading,
+                tip_reference: point.tip.position,
+                force_reference: self.plan.task.normal_force,
+                torque: self.held,
+                saturation: command.saturation,
+                integral: T::of_sum(self.controller.state().integral).to_si(self.formats.force),
+            },
+        }))
+    }
+
+    /// Steps to the end and keeps the log; `observe` is shown every step.
+    pub fn run(&mut self, mut observe: impl FnMut(&Step<T>)) -> Run {
+        let mut log = RunLog::new(self);
+        while let Some(step) = self.step() {
+            log.add(&step, &self.plant);
+            observe(&step);
+        }
+        log.finish()
+    }
+
+    /// The controller.
+    pub fn controller(&self) -> &Controller<'a, T> {
+        &self.controller
+    }
+
+    /// The plant, at the last step's tick.
+    pub fn plant(&self) -> &Plant {
+        &self.plant
+    }
+
+    /// Torques that the plant gets until the next tick, N m.
+    pub fn held(&self) -> [f64; 2] {
+        self.held
+    }
+}
+
+/// Collects the steps of a simulation into a [`Run`].
+#[derive(Clone, Debug)]
+pub struct RunLog {
+    rows: Vec<LogRow>,
+    shapes: Vec<Vec<f64>>,
+    fault: Option<Fault>,
+    /// Rows of a complete run.
+    ticks: usize,
+    elements: usize,
+}
+
+impl RunLog {
+    /// A log for all of `simulation`.
+    pub fn new<T: TableScalar>(simulation: &Simulation<'_, T>) -> Self {
+        let ticks = simulation.plan.points.len();
+        Self {
+            rows: Vec::with_capacity(ticks),
+            shapes: Vec::with_capacity(ticks / SHAPE_STRIDE + 1),
+            fault: None,
+            ticks,
+            elements: simulation.plant.model().elements,
+        }
+    }
+
+    /// Adds a step; `plant` is the simulation's, after the step.
+    pub fn add<T>(&mut self, step: &Step<T>, plant: &Plant) {
+        self.fault = step.command.fault;
+        self.rows.push(step.row);
+        if step.tick.is_multiple_of(SHAPE_STRIDE) {
+            let q = State(plant.state()).q();
+            self.shapes
+                .push(plant.model().deflection(q).as_slice().to_vec());
+        }
+    }
+
+    /// The run, judged.
+    pub fn finish(self) -> Run {
+        let complete = self.rows.len() == self.ticks;
+        let summary = summarise(&self.rows, |summary| match self.fault {
+            Some(fault) => Outcome::Fault(fault),
+            None if !complete => Outcome::Diverged,
+            None if summary.tip_error_max > TIP_ERROR_LIMIT_M => Outcome::TipOffPath,
+            None if summary.force_min < 0.0 => Outcome::ContactLost,
+            None => Outcome::Completed,
+        });
+        Run {
+            rows: self.rows,
+            summary,
+            shapes: self.shapes,
+            elements: self.elements,
+        }
+    }
 }
 
 /// False once the state is undefined, or the arm stretches or folds so far that its
 /// equations become singular.
 fn in_reach(reading: &Reading, plan: &Plan) -> bool {
-    let elbow = (reading.angle[1] - reading.angle[0]).sin().abs();
-    let planned = (plan.points[0].joint.angle[1] - plan.points[0].joint.angle[0]).sin();
-    let same_side = (reading.angle[1] - reading.angle[0]).sin() * planned > 0.0;
+    let elbow = |angle: [f64; 2]| libm::sin(angle[1] - angle[0]);
+    let own = elbow(reading.angle);
+    let same_side = own * elbow(plan.points[0].joint.angle) > 0.0;
     // The slide's Jacobian loses its rank at the stretched arm.
-    elbow > 1e-3
+    own.abs() > 1e-3
         && same_side
         && reading.force.is_finite()
         && reading.root_slope.abs() < core::f64::consts::PI
@@ -274,7 +390,7 @@ fn in_reach(reading: &Reading, plan: &Plan) -> bool {
 fn summarise(rows: &[LogRow], outcome: impl Fn(&Summary) -> Outcome) -> Summary {
     let largest = |f: &dyn Fn(&LogRow) -> f64| rows.iter().map(f).fold(0.0, f64::max);
     let rms = |f: &dyn Fn(&LogRow) -> f64| {
-        (rows.iter().map(|r| f(r).powi(2)).sum::<f64>() / rows.len().max(1) as f64).sqrt()
+        (rows.iter().map(|r| f(r) * f(r)).sum::<f64>() / rows.len().max(1) as f64).sqrt()
     };
     let mut summary = Summary {
         force_error_rms: rms(&LogRow::force_error),

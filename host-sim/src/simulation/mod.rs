@@ -2,3 +2,4 @@
 
 pub mod cases;
 pub mod closed_loop;
+pub mod start;

@@ -1,7 +1,29 @@
 //! The firmware's image in QEMU, or a board on a serial line.
 
+#[cfg(feature = "target")]
+mod error;
+mod layout;
+#[cfg(feature = "target")]
+mod line;
+#[cfg(feature = "target")]
+mod log;
+#[cfg(feature = "target")]
 pub mod pil;
+#[cfg(feature = "target")]
+mod qemu;
+#[cfg(feature = "target")]
+mod session;
+#[cfg(feature = "target")]
 #[allow(clippy::module_inception)]
 mod target;
 
-pub use target::*;
+#[cfg(feature = "target")]
+pub use error::{TargetError, describe_start};
+pub use layout::{DEFAULT_ELF, SLOT_ADDRESSES, SLOT_BYTES};
+#[cfg(feature = "target")]
+#[cfg(feature = "target")]
+pub use log::Logs;
+#[cfg(feature = "target")]
+pub use qemu::Emulation;
+#[cfg(feature = "target")]
+pub use target::Target;

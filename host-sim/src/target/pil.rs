@@ -5,18 +5,20 @@
 //! build.
 
 use crate::planner::plan::Plan;
-use crate::simulation::closed_loop::{Run, RunError, RunOptions, run_through};
-use crate::target::target::{Target, TargetError};
-use flexor::control::{Command, Controller};
+use crate::simulation::closed_loop::{Run, RunError, RunLog, RunOptions, Simulation};
+use crate::target::{Target, TargetError};
+use flexor::control::Command;
 use flexor::link::{Refusal, Setup, Status, TickReply};
 use flexor::signals::{Measurement, Saturation};
-use flexor::table::{Slot, Table, TableError, TableIdentity};
+use flexor::supervisor::ControllerParameters;
+use flexor::table::{Slot, Table, TableIdentity};
+use std::ops::ControlFlow;
 use std::time::Instant;
 
-/// Why a processor in the loop could not be run.
+/// Why a target in the loop could not be run.
 #[derive(Debug, thiserror::Error)]
 pub enum PilError {
-    /// The processor could not be talked to, or refused.
+    /// The target could not be talked to, or refused.
     #[error(transparent)]
     Target(#[from] TargetError),
     /// The plan's rate is not the image's.
@@ -44,12 +46,20 @@ pub enum PilError {
     /// The run could not start.
     #[error(transparent)]
     Run(#[from] RunError),
+    /// Whoever follows the progress wanted no more.
+    #[error("interrupted after {done} of {all} commands")]
+    Interrupted {
+        /// Commands compared.
+        done: usize,
+        /// Commands that there were to compare.
+        all: usize,
+    },
 }
 
-/// What a run with a processor in the loop found.
+/// What a run with a target in the loop found.
 #[derive(Clone, Debug)]
 pub struct PilRun {
-    /// The closed loop, with the processor's torques on the plant.
+    /// The closed loop, with the target's torques on the plant.
     pub run: Run,
     /// Slot that the table was in.
     pub slot: Slot,
@@ -81,7 +91,7 @@ impl PilRun {
     }
 }
 
-/// True when the processor's command equals the in-process one in every bit.
+/// True when the target's command equals the in-process one in every bit.
 fn same(reply: &TickReply, command: &Command<f32>) -> bool {
     reply.torque.map(f32::to_bits) == command.torque.map(f32::to_bits)
         && reply.tick == command.tick
@@ -117,59 +127,57 @@ pub fn start_with(target: &mut Target, image: &[u8], setup: &Setup) -> Result<Sl
     Err(PilError::OtherTable { wanted, a, b })
 }
 
-/// Runs `plan` in closed loop: the plant gets the processor's torques, and the in-process
-/// controller the same measurements. One of the processor's slots must hold `image`, the
-/// plan's table. `progress` is told each tick.
+/// Runs `plan` in closed loop: the plant gets the target's torques, and the in-process
+/// controller the same measurements. One of the target's slots must hold `image`, the
+/// plan's table. `progress` is told each tick, and may end the run.
 ///
 /// # Errors
-/// [`PilError`].
+/// [`PilError::Interrupted`] if `progress` ends the run; else other [`PilError`]s.
 pub fn run(
     target: &mut Target,
     plan: &Plan,
     image: &[u8],
     options: &RunOptions,
-    mut progress: impl FnMut(usize),
+    mut progress: impl FnMut(usize) -> ControlFlow<()>,
 ) -> Result<PilRun, PilError> {
-    let setup = Setup {
+    let parameters = ControllerParameters {
         arm: plan.model.arm,
         law: options.law,
         limits: options.limits,
     };
-    let slot = start_with(target, image, &setup)?;
+    let slot = start_with(target, image, &Setup::from(&parameters))?;
     let begun = Instant::now();
     let mut counts = Vec::with_capacity(plan.points.len());
     let mut differing_commands = 0;
     let mut first_difference = None;
-    let mut failure: Option<TargetError> = None;
-    let run = run_through::<f32>(plan, image, options, |measured, command| {
+    let mut simulation = Simulation::<f32>::new(plan, image, options)?;
+    let mut log = RunLog::new(&simulation);
+    while let Some(step) = simulation.step_with(|measured, own| {
         let tick = counts.len();
-        match target.tick(tick as u32, measured) {
-            Ok(reply) => {
-                if !same(&reply, &command) {
-                    differing_commands += 1;
-                    first_difference.get_or_insert(tick);
-                }
-                counts.push(reply.counts);
-                progress(tick);
-                Some(Command {
-                    torque: reply.torque,
-                    saturation: reply.saturation,
-                    fault: reply.fault,
-                    ..command
-                })
-            }
-            Err(error) => {
-                failure = Some(error);
-                None
-            }
+        let reply = target.tick(tick as u32, measured)?;
+        if !same(&reply, &own) {
+            differing_commands += 1;
+            first_difference.get_or_insert(tick);
         }
-    })?;
-    if let Some(error) = failure {
-        return Err(error.into());
+        counts.push(reply.counts);
+        if progress(tick).is_break() {
+            return Err(PilError::Interrupted {
+                done: counts.len(),
+                all: plan.points.len(),
+            });
+        }
+        Ok(Command {
+            torque: reply.torque,
+            saturation: reply.saturation,
+            fault: reply.fault,
+            ..own
+        })
+    })? {
+        log.add(&step, simulation.plant());
     }
     Ok(PilRun {
         ticks: counts.len(),
-        run,
+        run: log.finish(),
         slot,
         differing_commands,
         first_difference,
@@ -179,26 +187,24 @@ pub fn run(
     })
 }
 
-/// Compares processor and in-process controller on `count` measurements of arbitrary bits:
+/// Compares target and in-process controller on `count` measurements of arbitrary bits:
 /// normal ranges, limits, denormals, infinities and NaN. Both begin again after a fault.
-/// Returns how many commands differ. `progress` is told each.
+/// Returns how many commands differ. `progress` is told each, and may end it.
 ///
 /// # Errors
-/// [`PilError`].
+/// [`PilError::Interrupted`] if `progress` ends it; else other [`PilError`]s.
 pub fn compare_any(
     target: &mut Target,
     image: &[u8],
-    setup: &Setup,
+    parameters: &ControllerParameters,
     count: u32,
     seed: u64,
-    mut progress: impl FnMut(u32),
+    mut progress: impl FnMut(u32) -> ControlFlow<()>,
 ) -> Result<u32, PilError> {
     let table = Table::open(image).map_err(RunError::from)?;
-    let new = || -> Result<_, TableError> {
-        Controller::<f32>::new(&table, &setup.arm, &setup.law, &setup.limits)
-    };
-    let mut controller = new().map_err(RunError::from)?;
-    let slot = start_with(target, image, setup)?;
+    let mut controller = parameters.controller(&table).map_err(RunError::from)?;
+    let setup = Setup::from(parameters);
+    let slot = start_with(target, image, &setup)?;
     let mut random = SplitMix(seed);
     let mut differing = 0;
     for sequence in 0..count {
@@ -208,9 +214,14 @@ pub fn compare_any(
         differing += u32::from(!same(&reply, &command));
         if command.fault.is_some() || reply.fault.is_some() {
             controller.restart();
-            target.start(slot, setup)?;
+            target.start(slot, &setup)?;
         }
-        progress(sequence);
+        if progress(sequence).is_break() {
+            return Err(PilError::Interrupted {
+                done: sequence as usize + 1,
+                all: count as usize,
+            });
+        }
     }
     Ok(differing)
 }

@@ -476,22 +476,9 @@ fn low_pass<T: Scalar>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::Elbow;
     use core::f64::consts::FRAC_PI_2;
 
-    const ARM: ArmParameters = ArmParameters {
-        link1_length_m: 0.5,
-        link1_mass_kg: 8.0,
-        link2_length_m: 0.55,
-        link2_mass_kg: 0.24,
-        bending_stiffness_nm2: 0.48,
-        damping_ratio: 0.05,
-        root_inertia_kgm2: 0.0,
-        tip_mass_kg: 0.0,
-        tip_inertia_kgm2: 0.0,
-        gravity_m_s2: [0.0, 9.81],
-        elbow: Elbow::Down,
-    };
+    const ARM: ArmParameters = ArmParameters::PAPER;
     const GAINS: LawParameters = LawParameters {
         force_derivative_s: 0.01,
         force_proportional: 0.5,

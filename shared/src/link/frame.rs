@@ -56,6 +56,17 @@ impl core::error::Error for FrameTooLong {}
 
 /// Writes a message's frame, ending zero included, and returns its bytes.
 ///
+/// ```
+/// use flexor::link::{FRAME_MAX, Request, encode};
+///
+/// let mut buffer = [0; FRAME_MAX];
+/// let frame = encode(&Request::Status, &mut buffer)?;
+/// // Version, request 1, and four bytes of CRC; a code byte of COBS before, a zero behind.
+/// assert_eq!(frame.len(), 8);
+/// assert_eq!(frame.iter().position(|byte| *byte == 0), Some(7));
+/// # Ok::<(), flexor::link::FrameTooLong>(())
+/// ```
+///
 /// # Errors
 /// [`FrameTooLong`].
 pub fn encode<'b, M: Serialize>(
@@ -72,6 +83,23 @@ pub fn encode<'b, M: Serialize>(
 }
 
 /// Finds messages in a byte stream.
+///
+/// ```
+/// use flexor::link::{FRAME_MAX, Receiver, Request, encode};
+///
+/// let mut buffer = [0; FRAME_MAX];
+/// let frame = encode(&Request::Home, &mut buffer)?;
+/// let mut receiver = Receiver::new();
+/// // The end of a frame whose beginning was missed, then a whole one.
+/// let found: Vec<Request> = [17, 4, 0]
+///     .iter()
+///     .chain(frame)
+///     .filter_map(|byte| receiver.push(*byte))
+///     .collect();
+/// assert_eq!(found, [Request::Home]);
+/// assert_eq!(receiver.errors().stuffing, 1);
+/// # Ok::<(), flexor::link::FrameTooLong>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Receiver {
     buffer: [u8; FRAME_MAX],
@@ -150,6 +178,94 @@ impl Receiver {
                 _ => Err(|e| &mut e.message),
             },
             _ => Err(|e| &mut e.version),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use crate::link::Request;
+    use crate::link::testing::{SETUP, dropped, feed, frame, raw_frame};
+    use crate::table::Slot;
+    use proptest::prelude::*;
+
+    #[test]
+    fn each_kind_of_bad_frame_has_its_counter() {
+        let mut receiver = Receiver::new();
+        let mut expect = FrameErrors::default();
+        let mut check = |bytes: &[u8], count: fn(&mut FrameErrors) -> &mut u32| {
+            *count(&mut expect) += 1;
+            assert!(feed(&mut receiver, bytes).is_empty());
+            assert_eq!(receiver.errors(), expect);
+            let arm = Request::Enable { slot: None };
+            assert_eq!(feed(&mut receiver, &frame(&arm)), [arm]);
+        };
+        let mut long = std::vec![1; FRAME_MAX + 1];
+        long.push(0);
+        check(&long, |e| &mut e.oversized);
+        check(&[9, 1, 0], |e| &mut e.stuffing);
+        check(&[3, 1, 2, 0], |e| &mut e.crc);
+        check(&raw_frame(&[VERSION + 1, 0]), |e| &mut e.version);
+        check(&raw_frame(&[VERSION - 1, 0]), |e| &mut e.version);
+        check(&raw_frame(&[VERSION, 99]), |e| &mut e.message);
+        check(&raw_frame(&[VERSION, 0, 0]), |e| &mut e.message); // a byte too many
+        check(&raw_frame(&[VERSION, 7, 1]), |e| &mut e.message); // too few
+        check(&raw_frame(&[]), |e| &mut e.version);
+    }
+
+    #[test]
+    fn empty_frames_are_not_errors() {
+        let mut receiver = Receiver::new();
+        assert!(feed(&mut receiver, &[0; 10]).is_empty());
+        assert_eq!(receiver.errors(), FrameErrors::default());
+    }
+
+    proptest! {
+        #[test]
+        fn after_any_bytes_the_next_good_frame_is_understood(
+            noise in prop::collection::vec(any::<u8>(), 0..2000),
+        ) {
+            let mut receiver = Receiver::new();
+            let zeros = noise.iter().filter(|b| **b == 0).count() as u32;
+            let from_noise = feed(&mut receiver, &noise).len() as u32;
+            prop_assert!(dropped(receiver.errors()) + from_noise <= zeros);
+            receiver.push::<Request>(0);
+            prop_assert_eq!(feed(&mut receiver, &frame(&Request::Status)), [Request::Status]);
+        }
+
+        #[test]
+        fn a_truncated_frame_is_counted_and_harms_only_itself(keep in 1..100_usize) {
+            let whole = frame(&Request::StartLockStep { slot: Slot::A, setup: SETUP });
+            let mut receiver = Receiver::new();
+            prop_assert!(feed(&mut receiver, &whole[..keep.min(whole.len() - 2)]).is_empty());
+            prop_assert!(feed(&mut receiver, &[0]).is_empty());
+            prop_assert_eq!(dropped(receiver.errors()), 1);
+            prop_assert_eq!(feed(&mut receiver, &frame(&Request::Disable)), [Request::Disable]);
+        }
+
+        #[test]
+        fn a_changed_byte_never_passes(at: prop::sample::Index, change in 1..=255_u8) {
+            let mut bytes = frame(&Request::StartLockStep { slot: Slot::A, setup: SETUP });
+            let end = bytes.len() - 1;
+            bytes[at.index(end)] ^= change;
+            prop_assert!(feed(&mut Receiver::new(), &bytes).is_empty());
+        }
+
+        #[test]
+        fn any_body_with_a_good_crc_is_survived(body in prop::collection::vec(any::<u8>(), 0..200)) {
+            let mut receiver = Receiver::new();
+            let got = feed(&mut receiver, &raw_frame(&body)).len() as u32;
+            prop_assert_eq!(got + dropped(receiver.errors()), 1);
+        }
+
+        #[test]
+        fn a_flood_of_good_frames_is_answered_one_by_one(count in 1..300_usize) {
+            let mut receiver = Receiver::new();
+            let bytes = frame(&Request::Status).repeat(count);
+            prop_assert_eq!(feed(&mut receiver, &bytes).len(), count);
+            prop_assert_eq!(receiver.errors(), FrameErrors::default());
         }
     }
 }

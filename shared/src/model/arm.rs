@@ -23,6 +23,14 @@ pub enum Elbow {
 }
 
 /// Physical data of the arm, in f64 SI units: what `arm.toml` says.
+///
+/// ```
+/// use flexor::model::ArmParameters;
+///
+/// let heavier = ArmParameters { tip_mass_kg: 0.1, ..ArmParameters::PAPER };
+/// // Another arm: tables that were planned for the paper's do not fit it.
+/// assert_ne!(heavier.fingerprint(), ArmParameters::PAPER.fingerprint());
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ArmParameters {
     /// Length r1 of link 1, joint 1 to joint 2, m.
@@ -50,6 +58,21 @@ pub struct ArmParameters {
 }
 
 impl ArmParameters {
+    /// The paper's arm (Table 1), elbow down.
+    pub const PAPER: Self = Self {
+        link1_length_m: 0.5,
+        link1_mass_kg: 8.0,
+        link2_length_m: 0.55,
+        link2_mass_kg: 0.24,
+        bending_stiffness_nm2: 0.48,
+        damping_ratio: 0.05,
+        root_inertia_kgm2: 0.0,
+        tip_mass_kg: 0.0,
+        tip_inertia_kgm2: 0.0,
+        gravity_m_s2: [0.0, 9.81],
+        elbow: Elbow::Down,
+    };
+
     /// CRC-32 (ISO-HDLC) over a domain tag and the physical data as little-endian
     /// f64, in the order of the fields, without the elbow (a posture, not a part).
     ///
@@ -135,6 +158,20 @@ pub struct JointMotion<T> {
 }
 
 /// Two-link kinematics (eq. 12-13).
+///
+/// ```
+/// use flexor::model::{ArmParameters, Kinematics};
+///
+/// let arm = ArmParameters::PAPER;
+/// let kinematics = Kinematics::<f64>::new(&arm);
+/// // Where the paper's path begins, m from joint 1: to the right, and down.
+/// let angle = kinematics.inverse([0.7, 0.05], arm.elbow)?;
+/// let tip = kinematics.forward(angle);
+/// assert!((tip[0] - 0.7).abs() < 1e-12 && (tip[1] - 0.05).abs() < 1e-12);
+/// // The arm is 1.05 m long.
+/// assert!(kinematics.inverse([1.2, 0.0], arm.elbow).is_err());
+/// # Ok::<(), flexor::model::KinematicsError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Kinematics<T> {
     /// Length r1 of link 1, m.
@@ -312,19 +349,7 @@ mod tests {
 
     #[test]
     fn the_fingerprint_tells_arms_apart_and_ignores_posture() {
-        let arm = ArmParameters {
-            link1_length_m: 0.5,
-            link1_mass_kg: 8.0,
-            link2_length_m: 0.55,
-            link2_mass_kg: 0.24,
-            bending_stiffness_nm2: 0.48,
-            damping_ratio: 0.05,
-            root_inertia_kgm2: 0.0,
-            tip_mass_kg: 0.0,
-            tip_inertia_kgm2: 0.0,
-            gravity_m_s2: [0.0, 9.81],
-            elbow: Elbow::Down,
-        };
+        let arm = ArmParameters::PAPER;
         let mut other = arm;
         other.elbow = Elbow::Up;
         other.root_inertia_kgm2 = -0.0;

@@ -3,5 +3,5 @@
 mod arm;
 mod beam;
 
-pub use arm::*;
-pub use beam::*;
+pub use arm::{ArmParameters, Elbow, JointMotion, Kinematics, KinematicsError, SINGULARITY_MARGIN};
+pub use beam::{Beam, BeamParameters, Modes};

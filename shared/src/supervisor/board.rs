@@ -1,15 +1,43 @@
-//! What the control tick needs from a board, as small traits. A port to another
-//! microcontroller implements these and nothing else.
+//! What the control tick needs from a board: the one trait [`Board`].
 //!
-//! No function of these waits for anything, and none can fail: what is not there is
-//! reported as not fresh, not well, not released.
+//! A port to another microcontroller implements it and nothing else. There are two: the
+//! STM32F405 of the firmware, and [`MemoryBoard`](crate::supervisor::MemoryBoard), which is
+//! nothing but values in memory.
 
 use crate::link::{Interlocks, RawSample};
 
-/// Encoders and converters.
-pub trait Sensors {
-    /// The latest counts. Never waits: what has not been converted is not `fresh`.
+/// Everything that the tick's interrupt uses: sensors, drives, the control period's timer
+/// and a stopwatch.
+///
+/// No method waits for anything, and none can fail: what is not there is reported as not
+/// fresh, not well, not released.
+pub trait Board {
+    /// The latest counts of encoders and converters. Never waits: what has not been converted
+    /// since the call before is not `fresh`.
     fn sample(&mut self) -> RawSample;
+
+    /// State of the emergency stop and of the drives' fault lines now.
+    fn interlocks(&self) -> Interlocks;
+
+    /// Enables both drives and commands torques (tau1, tau2), N m. Values beyond what the
+    /// drives take are cut off.
+    fn command(&mut self, torque: [f32; 2]);
+
+    /// Drives disabled, torques zero.
+    fn off(&mut self);
+
+    /// Clears the control timer's request; true if there was one, false if the interrupt was
+    /// requested by software alone.
+    fn acknowledge_timer(&mut self) -> bool;
+
+    /// True when the control timer has asked again already: the tick took too long.
+    fn timer_due(&self) -> bool;
+
+    /// Starts the control timer with a whole period before it, or stops it.
+    fn run_timer(&mut self, run: bool);
+
+    /// A free-running counter for measuring short times; wraps.
+    fn stopwatch(&self) -> u32;
 }
 
 /// How a torque becomes the count of a converter that commands a drive.
@@ -31,54 +59,6 @@ impl DriveScale {
         // Float to integer saturates, and makes 0 of NaN, which the controller never gives.
         (count as i32).clamp(0, i32::from(self.zero) * 2 - 1) as u16
     }
-}
-
-/// The two current-controlled drives.
-pub trait Drives {
-    /// Enables the drives and commands torques, N m. Values beyond what the drives take
-    /// are cut off.
-    fn command(&mut self, torque: [f32; 2]);
-
-    /// Torques zero, drives disabled.
-    fn off(&mut self);
-}
-
-/// Emergency stop and drive fault inputs.
-pub trait Inputs {
-    /// Their state now.
-    fn interlocks(&self) -> Interlocks;
-}
-
-/// The control period's timer, whose interrupt runs the tick.
-pub trait Timebase {
-    /// Clears the timer's request; true if there was one (and the interrupt was not
-    /// requested by software alone).
-    fn acknowledge(&mut self) -> bool;
-
-    /// True when the timer has asked again already.
-    fn due(&self) -> bool;
-
-    /// Starts or stops the timer.
-    fn run(&mut self, run: bool);
-}
-
-/// A free-running counter for measuring short times.
-pub trait Stopwatch {
-    /// Counts, wrapping.
-    fn counts(&self) -> u32;
-}
-
-/// All that the tick's interrupt uses.
-#[derive(Debug)]
-pub struct TickBoard<S, D, T, W> {
-    /// Encoders and converters.
-    pub sensors: S,
-    /// Torque commands, enable lines and the inputs beside them.
-    pub drives: D,
-    /// The control period.
-    pub timebase: T,
-    /// Measures the tick.
-    pub stopwatch: W,
 }
 
 #[cfg(test)]

@@ -91,17 +91,17 @@ pub fn select_table<T>(
 /// The first [`Refusal`] that applies.
 pub fn check_enable(
     limits: &SafetyLimits,
-    standing: &EnableInputs,
+    inputs: &EnableInputs,
     first_row: &Reference<f32>,
 ) -> Result<(), Refusal> {
-    let measured = &standing.measured;
-    if let Some(fault) = standing.latched {
+    let measured = &inputs.measured;
+    if let Some(fault) = inputs.latched {
         return Err(Refusal::Latched(fault));
     }
-    if let Some(fault) = standing.health.fault() {
+    if let Some(fault) = inputs.health.fault() {
         return Err(Refusal::Cause(fault));
     }
-    if !standing.homed {
+    if !inputs.homed {
         return Err(Refusal::NotHomed);
     }
     let deviation_rad = [
@@ -142,7 +142,7 @@ pub struct FaultMonitor {
 }
 
 impl FaultMonitor {
-    /// A watch that begins now.
+    /// A monitor that begins now: the host counts as just heard.
     pub fn new(limits: &SafetyLimits) -> Self {
         Self {
             link_timeout_ticks: limits.link_timeout_ticks,
@@ -254,9 +254,9 @@ mod tests {
     #[test]
     fn each_condition_refuses_by_itself() {
         let refusal = |change: &dyn Fn(&mut EnableInputs)| {
-            let mut standing = at_start();
-            change(&mut standing);
-            check_enable(&LIMITS, &standing, &row()).unwrap_err()
+            let mut inputs = at_start();
+            change(&mut inputs);
+            check_enable(&LIMITS, &inputs, &row()).unwrap_err()
         };
         assert_eq!(
             refusal(&|s| s.latched = Some(Fault::Drive)),
@@ -293,18 +293,18 @@ mod tests {
 
     #[test]
     fn an_enabled_arm_stops_for_each_cause() {
-        let mut watch = FaultMonitor::new(&LIMITS);
-        assert_eq!(watch.tick(&GOOD, false), None);
+        let mut monitor = FaultMonitor::new(&LIMITS);
+        assert_eq!(monitor.tick(&GOOD, false), None);
         for (fault, health) in bad() {
-            watch.link_alive();
-            assert_eq!(watch.tick(&health, false), Some(fault));
+            monitor.link_alive();
+            assert_eq!(monitor.tick(&health, false), Some(fault));
         }
-        watch.link_alive();
-        assert_eq!(watch.tick(&GOOD, true), Some(Fault::TickOverrun));
-        assert_eq!(watch.tick(&GOOD, false), None);
-        assert_eq!(watch.tick(&GOOD, false), None);
-        assert_eq!(watch.tick(&GOOD, false), Some(Fault::LinkTimeout));
-        watch.link_alive();
-        assert_eq!(watch.tick(&GOOD, false), None);
+        monitor.link_alive();
+        assert_eq!(monitor.tick(&GOOD, true), Some(Fault::TickOverrun));
+        assert_eq!(monitor.tick(&GOOD, false), None);
+        assert_eq!(monitor.tick(&GOOD, false), None);
+        assert_eq!(monitor.tick(&GOOD, false), Some(Fault::LinkTimeout));
+        monitor.link_alive();
+        assert_eq!(monitor.tick(&GOOD, false), None);
     }
 }

@@ -2,18 +2,32 @@
 //!
 //! | file | responsible for |
 //! |---|---|
-//! | `supervisor` | the modes, and the body of the control interrupt |
+//! | `supervisor` | the body of the control interrupt, and what the main loop asks of it |
+//! | `state` | disabled, enabled, lock-step: what each carries, and every transition |
+//! | `controller_slot` | where controllers live, and how the next one is handed over |
 //! | `enabling` | when the drives may be enabled, and when they must not stay so |
 //! | `sensing` | from encoder and converter counts to a measurement |
+//! | `parameters` | what a controller is made from, and its form on the wire |
 //! | `board` | what the tick needs from a board |
+//! | `memory_board` | a board that is values in memory, for tests and simulators |
 
 mod board;
+mod controller_slot;
 mod enabling;
+mod memory_board;
+mod parameters;
 mod sensing;
+mod state;
 #[allow(clippy::module_inception)]
 mod supervisor;
 
-pub use board::*;
-pub use enabling::*;
-pub use sensing::*;
-pub use supervisor::*;
+pub use board::{Board, DriveScale};
+pub use controller_slot::ControllerSlot;
+pub use enabling::{
+    EnableInputs, FaultMonitor, InputHealth, SafetyLimits, check_enable, check_torque_bound,
+    select_table,
+};
+pub use memory_board::MemoryBoard;
+pub use parameters::ControllerParameters;
+pub use sensing::{Calibration, Sensing};
+pub use supervisor::{Supervisor, SupervisorStatus};

@@ -12,7 +12,7 @@
 //! and [`Sensing::home`] was told.
 //!
 //! **Rails.** A converter near the end of its range says that a wire is broken, or that more
-//! is measured than fits; either way its value is none to act on.
+//! is measured than fits; either way the value must not be used.
 //!
 //! **Slope rate.** The backward difference of the root slope. A step of the converter
 //! shows in it as `step * rate`; the law's slope rate filter is what tames that.
@@ -92,9 +92,9 @@ impl Sensing {
     #[inline]
     pub fn in_range(&self) -> bool {
         let (least, largest) = self.calibration.range;
-        [self.force, self.strain]
-            .into_iter()
-            .all(|count| least <= count && count <= largest)
+        let within = |count| (least <= count) & (count <= largest);
+        // Without branches: main loop and tick hold interrupts off meanwhile.
+        within(self.force) & within(self.strain)
     }
 
     /// The latest sample.

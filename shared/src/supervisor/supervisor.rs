@@ -1,6 +1,6 @@
 //! Disabled, enabled or lock-step: the control tick as the board's interrupt runs it.
 //!
-//! [`Supervisor::tick`] samples, decides by [`Mode`], runs the one controller and commands.
+//! [`Supervisor::tick`] samples, decides by its state, runs the one controller and commands.
 //! It runs in the highest-priority interrupt, for the timer and in lock-step alike, and
 //! does not block, allocate, log or loop. The main loop reaches [`Supervisor`] through short
 //! locks: a controller is prepared outside and handed over by exchanging two references.
@@ -9,13 +9,11 @@ use crate::control::Controller;
 use crate::fault::Fault;
 use crate::link::{Interlocks, Mode, RawSample, Refusal, SensorReport, TickReply};
 use crate::signals::{Measurement, Saturation};
-use crate::supervisor::board::{Drives, Inputs, Sensors, Stopwatch, TickBoard, Timebase};
-use crate::supervisor::enabling::{EnableInputs, FaultMonitor, InputHealth, SafetyLimits};
+use crate::supervisor::board::Board;
+use crate::supervisor::controller_slot::ControllerSlot;
+use crate::supervisor::enabling::{EnableInputs, InputHealth, SafetyLimits};
 use crate::supervisor::sensing::{Calibration, Sensing};
-
-/// A place for a controller. There are two, the tick's and the one in which the main loop
-/// prepares the next.
-pub type ControllerSlot<'a> = Option<Controller<'a, f32>>;
+use crate::supervisor::state::State;
 
 /// The controller's tick, its command written into the reply. Not inlined, or the compiler
 /// makes a copy for each mode.
@@ -28,35 +26,107 @@ fn run(controller: &mut Controller<'_, f32>, measured: &Measurement<f32>, result
     result.fault = command.fault;
 }
 
+/// What a [`Supervisor`] is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SupervisorStatus {
+    /// Disabled, enabled, or in lock-step.
+    pub mode: Mode,
+    /// Tick of the table; 0 when none runs.
+    pub tick: u32,
+    /// The latched fault, if any.
+    pub fault: Option<Fault>,
+    /// Ticks since start, of the timer and in lock-step; wraps.
+    pub ticks_total: u32,
+    /// Longest tick since start, stopwatch counts.
+    pub counts_max: u32,
+}
+
 /// What the tick and the main loop share.
+///
+/// ```
+/// # use flexor::control::{LawParameters, LimitParameters};
+/// # use flexor::model::ArmParameters;
+/// # use flexor::signals::Reference;
+/// # use flexor::supervisor::ControllerParameters;
+/// # use flexor::table::{Header, Piece, Table, TableWriter, image_bytes};
+/// # let arm = ArmParameters::PAPER;
+/// # let pieces = [Piece { ticks: 10, segments: 1 }];
+/// # let header = Header {
+/// #     arm_fingerprint: arm.fingerprint(),
+/// #     tick_rate_hz: 1000,
+/// #     ticks: 10,
+/// #     first_tick: 0,
+/// #     scaling: [20; 8],
+/// # };
+/// # let mut image = vec![0; image_bytes(&pieces)];
+/// # let mut writer = TableWriter::new(&mut image, &header, &pieces)?;
+/// # for _ in 0..4 {
+/// #     writer.row(&Reference { torque: [5.0, -0.5], ..Reference::default() })?;
+/// # }
+/// # writer.finish()?;
+/// # let parameters = ControllerParameters {
+/// #     arm,
+/// #     law: LawParameters::FEEDFORWARD,
+/// #     limits: LimitParameters { torque_nm: [20.0, 2.0], torque_rate_nm_s: [1e4, 1e3] },
+/// # };
+/// use flexor::fault::Fault;
+/// use flexor::link::RawSample;
+/// use flexor::supervisor::{Calibration, ControllerSlot, MemoryBoard, SafetyLimits, Supervisor};
+///
+/// let calibration = Calibration {
+///     encoder_rad: [1e-3; 2],
+///     home_rad: [0.0; 2],
+///     force_n: (0.01, 2048.0),
+///     slope_rad: (1e-4, 2048.0),
+///     range: (16, 4079),
+/// };
+/// let limits = SafetyLimits { start_rad: [0.01; 3], link_timeout_ticks: 100 };
+/// let sample = RawSample { force: 2048, strain: 2048, fresh: true, ..RawSample::default() };
+/// let mut board = MemoryBoard::new(sample);
+/// let (mut running, mut next) = (None, None);
+/// let slot = ControllerSlot::new(&mut running);
+/// let mut supervisor = Supervisor::new(&mut board, slot, &limits, &calibration, 1000);
+///
+/// // `parameters` are for a feedforward of 5 N m and -0.5 N m, which `image` holds.
+/// let table = Table::open(&image)?;
+/// let mut prepared = ControllerSlot::new(&mut next);
+/// prepared.put(parameters.controller(&table)?);
+/// supervisor.enable(&mut prepared)?;
+/// supervisor.tick(&mut board);
+/// let torque = board.torque.expect("the drives are on");
+/// assert!((torque[0] - 5.0).abs() < 1e-5 && (torque[1] + 0.5).abs() < 1e-5);
+///
+/// // The next tick after the emergency stop switches off, and says why.
+/// board.interlocks.estop_released = false;
+/// supervisor.tick(&mut board);
+/// assert_eq!(board.torque, None);
+/// assert_eq!(supervisor.status().fault, Some(Fault::EmergencyStop));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Supervisor<'a> {
-    mode: Mode,
-    controller: &'a mut ControllerSlot<'a>,
+    state: State,
+    slot: ControllerSlot<'a>,
     limits: SafetyLimits,
     sensing: Sensing,
-    monitor: FaultMonitor,
+    /// The latched fault.
     fault: Option<Fault>,
     /// Where the joints are is known.
     homed: bool,
     interlocks: Interlocks,
-    /// A measurement from the host, and its sequence number.
-    inbox: (u32, Measurement<f32>),
-    inbox_full: bool,
     /// What the last tick gave.
     outbox: TickReply,
     ticks_total: u32,
     counts_max: u32,
-    late: bool,
     /// Ticks when the main loop last looked.
     ticks_seen: u32,
 }
 
 impl<'a> Supervisor<'a> {
-    /// Disabled and not homed. `place` is where the controllers will be.
-    pub fn new<S: Sensors, D, T, W>(
-        board: &mut TickBoard<S, D, T, W>,
-        place: &'a mut ControllerSlot<'a>,
+    /// Disabled and not homed. The tick's controllers will be in `slot`.
+    pub fn new(
+        board: &mut impl Board,
+        slot: ControllerSlot<'a>,
         limits: &SafetyLimits,
         calibration: &Calibration,
         tick_rate_hz: u32,
@@ -64,23 +134,19 @@ impl<'a> Supervisor<'a> {
         // Of before the first tick's conversions, so not fresh at any of them.
         let first = RawSample {
             fresh: false,
-            ..board.sensors.sample()
+            ..board.sample()
         };
-        *place = None;
         Self {
-            mode: Mode::Disabled,
-            controller: place,
+            state: State::Disabled,
+            slot,
             limits: *limits,
             sensing: Sensing::new(calibration, tick_rate_hz, &first),
-            monitor: FaultMonitor::new(limits),
             fault: None,
             homed: false,
             interlocks: Interlocks {
                 estop_released: false,
                 drives_ok: false,
             },
-            inbox: (0, Measurement::default()),
-            inbox_full: false,
             outbox: TickReply {
                 sequence: 0,
                 tick: 0,
@@ -91,109 +157,120 @@ impl<'a> Supervisor<'a> {
             },
             ticks_total: 0,
             counts_max: 0,
-            late: false,
             ticks_seen: 0,
         }
     }
 
     /// One control tick.
     #[inline]
-    pub fn tick<S, D, T, W>(&mut self, board: &mut TickBoard<S, D, T, W>)
-    where
-        S: Sensors,
-        D: Drives + Inputs,
-        T: Timebase,
-        W: Stopwatch,
-    {
-        let begun = board.stopwatch.counts();
-        let timer = board.timebase.acknowledge();
-        let raw = board.sensors.sample();
+    pub fn tick(&mut self, board: &mut impl Board) {
+        let begun = board.stopwatch();
+        let timer = board.acknowledge_timer();
+        let raw = board.sample();
         self.sensing.update(&raw);
-        self.interlocks = board.drives.interlocks();
+        self.interlocks = board.interlocks();
         self.ticks_total = self.ticks_total.wrapping_add(1);
-        let mut torque = None;
-        match self.mode {
-            // The host gives the pace.
-            Mode::LockStep => {
+        match &mut self.state {
+            State::LockStep { inbox } => {
+                board.off();
+                // The host gives the pace.
                 if timer {
-                    board.timebase.run(false);
+                    board.run_timer(false);
                 }
-                if core::mem::take(&mut self.inbox_full)
-                    && let Some(controller) = self.controller
+                if let Some((sequence, measured)) = inbox
+                    && let Some(controller) = self.slot.controller()
                 {
-                    run(controller, &self.inbox.1, &mut self.outbox);
-                    self.outbox.sequence = self.inbox.0;
+                    self.outbox.sequence = *sequence;
+                    run(controller, measured, &mut self.outbox);
+                    *inbox = None;
                 }
             }
-            Mode::Enabled | Mode::Disabled => {
+            State::Disabled => {
+                board.off();
                 if !timer {
-                    board.timebase.run(true);
+                    board.run_timer(true);
                 }
-                if self.mode == Mode::Enabled
-                    && let Some(controller) = self.controller
-                {
+            }
+            State::Enabled { monitor, late } => {
+                if !timer {
+                    board.run_timer(true);
+                }
+                if let Some(controller) = self.slot.controller() {
                     let health = InputHealth {
                         interlocks: self.interlocks,
                         fresh: raw.fresh,
                         in_range: self.sensing.in_range(),
                     };
-                    if let Some(fault) = self.monitor.tick(&health, self.late) {
+                    if let Some(fault) = monitor.tick(&health, *late) {
                         controller.trip(fault);
                     }
                     run(controller, &self.sensing.measurement(), &mut self.outbox);
                     if self.outbox.fault.is_some() {
+                        board.off();
                         self.fault = self.outbox.fault;
-                        self.mode = Mode::Disabled;
+                        self.state.disable();
                     } else {
-                        torque = Some(self.outbox.torque);
+                        board.command(self.outbox.torque);
+                        *late = board.timer_due();
                     }
+                } else {
+                    board.off();
                 }
             }
         }
-        match torque {
-            Some(torque) => board.drives.command(torque),
-            None => board.drives.off(),
-        }
-        self.late = board.timebase.due();
-        let counts = board.stopwatch.counts().wrapping_sub(begun);
+        let counts = board.stopwatch().wrapping_sub(begun);
         self.counts_max = self.counts_max.max(counts);
         self.outbox.counts = counts;
     }
 
     /// Enables the drives from the next tick on and runs the `prepared` controller, which
-    /// it takes in exchange for the one before. The caller has checked that it may.
-    pub fn enable(&mut self, prepared: &mut &'a mut ControllerSlot<'a>) {
-        core::mem::swap(&mut self.controller, prepared);
-        self.monitor = FaultMonitor::new(&self.limits);
-        self.late = false;
-        // Until the first tick a report must not show where the run before ended.
+    /// it takes in exchange for the one before. The caller has made the checks of
+    /// [`check_enable`](crate::supervisor::check_enable). With an empty slot the drives stay
+    /// off.
+    ///
+    /// # Errors
+    /// [`Refusal::Busy`] unless disabled; nothing is exchanged then.
+    pub fn enable(&mut self, prepared: &mut ControllerSlot<'a>) -> Result<(), Refusal> {
+        self.state.enable(&self.limits)?;
+        self.slot.exchange(prepared);
+        // Until the first tick the status must not show where the run before ended.
         self.outbox.tick = 0;
-        self.mode = Mode::Enabled;
+        Ok(())
     }
 
     /// Drives off from the next tick on; ends lock-step too.
     pub fn disable(&mut self) {
-        self.mode = Mode::Disabled;
+        self.state.disable();
     }
 
     /// From the next tick on the host's measurements run the `prepared` controller. The
     /// encoders may turn unseen between two of its ticks: the arm is no longer homed.
-    pub fn start_lock_step(&mut self, prepared: &mut &'a mut ControllerSlot<'a>) {
-        core::mem::swap(&mut self.controller, prepared);
+    ///
+    /// # Errors
+    /// [`Refusal::Busy`] if enabled; nothing is exchanged then.
+    pub fn start_lock_step(&mut self, prepared: &mut ControllerSlot<'a>) -> Result<(), Refusal> {
+        self.state.start_lock_step()?;
+        self.slot.exchange(prepared);
         self.homed = false;
-        self.inbox_full = false;
         self.outbox.tick = 0;
-        self.mode = Mode::LockStep;
+        Ok(())
+    }
+
+    /// Back to the timer and the sensors, disabled.
+    ///
+    /// # Errors
+    /// [`Refusal::NotInLockStep`] unless in lock-step.
+    pub fn stop_lock_step(&mut self) -> Result<(), Refusal> {
+        self.state.stop_lock_step()
     }
 
     /// Leaves a measurement for the next tick; false when not in lock-step.
     pub fn post_measurement(&mut self, sequence: u32, measured: Measurement<f32>) -> bool {
-        let running = self.mode == Mode::LockStep;
-        if running {
-            self.inbox = (sequence, measured);
-            self.inbox_full = true;
-        }
-        running
+        let State::LockStep { inbox } = &mut self.state else {
+            return false;
+        };
+        *inbox = Some((sequence, measured));
+        true
     }
 
     /// What the last tick gave.
@@ -205,12 +282,14 @@ impl<'a> Supervisor<'a> {
     /// the pace.
     pub fn tick_advanced(&mut self) -> bool {
         let before = core::mem::replace(&mut self.ticks_seen, self.ticks_total);
-        before != self.ticks_total || self.mode == Mode::LockStep
+        before != self.ticks_total || matches!(self.state, State::LockStep { .. })
     }
 
     /// The host has been heard.
     pub fn link_alive(&mut self) {
-        self.monitor.link_alive();
+        if let State::Enabled { monitor, .. } = &mut self.state {
+            monitor.link_alive();
+        }
     }
 
     /// The arm stands at its home pose.
@@ -218,7 +297,7 @@ impl<'a> Supervisor<'a> {
     /// # Errors
     /// [`Refusal::Busy`] unless disabled.
     pub fn home(&mut self) -> Result<(), Refusal> {
-        if self.mode != Mode::Disabled {
+        if !matches!(self.state, State::Disabled) {
             return Err(Refusal::Busy);
         }
         self.sensing.home();
@@ -257,20 +336,18 @@ impl<'a> Supervisor<'a> {
         }
     }
 
-    /// Mode, tick of the table, latched fault, ticks since start, longest tick in
-    /// stopwatch counts.
-    pub fn report(&self) -> (Mode, u32, Option<Fault>, u32, u32) {
-        let tick = match self.mode {
-            Mode::Disabled => 0,
-            Mode::Enabled | Mode::LockStep => self.outbox.tick,
-        };
-        (
-            self.mode,
-            tick,
-            self.fault,
-            self.ticks_total,
-            self.counts_max,
-        )
+    /// What it is doing.
+    pub fn status(&self) -> SupervisorStatus {
+        SupervisorStatus {
+            mode: self.state.mode(),
+            tick: match self.state {
+                State::Disabled => 0,
+                State::Enabled { .. } | State::LockStep { .. } => self.outbox.tick,
+            },
+            fault: self.fault,
+            ticks_total: self.ticks_total,
+            counts_max: self.counts_max,
+        }
     }
 }
 
@@ -280,8 +357,9 @@ mod tests {
     use super::*;
     use crate::control::{LawParameters, LimitParameters};
     use crate::link::RawSample;
-    use crate::model::{ArmParameters, Elbow};
+    use crate::model::ArmParameters;
     use crate::signals::Reference;
+    use crate::supervisor::MemoryBoard;
     use crate::table::{Header, Piece, Table, TableWriter, image_bytes};
     use std::boxed::Box;
 
@@ -299,77 +377,15 @@ mod tests {
         range: (16, 4079),
     };
 
-    /// Everything that a board does, in memory.
-    #[derive(Debug, Default)]
-    struct Bench {
-        sample: RawSample,
-        interlocks: Option<Interlocks>,
-        torque: Option<[f32; 2]>,
-        running: bool,
-        timer: bool,
-        due: bool,
-        counts: core::cell::Cell<u32>,
-    }
-
-    impl Sensors for Bench {
-        fn sample(&mut self) -> RawSample {
-            self.sample
-        }
-    }
-    impl Drives for Bench {
-        fn command(&mut self, torque: [f32; 2]) {
-            self.torque = Some(torque);
-        }
-        fn off(&mut self) {
-            self.torque = None;
-        }
-    }
-    impl Inputs for Bench {
-        fn interlocks(&self) -> Interlocks {
-            self.interlocks.unwrap()
-        }
-    }
-    impl Timebase for Bench {
-        fn acknowledge(&mut self) -> bool {
-            self.timer
-        }
-        fn due(&self) -> bool {
-            self.due
-        }
-        fn run(&mut self, run: bool) {
-            self.running = run;
-        }
-    }
-    impl Stopwatch for Bench {
-        fn counts(&self) -> u32 {
-            self.counts.set(self.counts.get() + 7);
-            self.counts.get()
-        }
-    }
-
-    type Board = TickBoard<Bench, Bench, Bench, Bench>;
-
     struct Rig {
-        board: Board,
+        board: MemoryBoard,
         supervisor: Supervisor<'static>,
-        prepared: &'static mut ControllerSlot<'static>,
+        prepared: ControllerSlot<'static>,
     }
 
     /// A controller that gives [`TORQUE`] at every tick.
     fn controller() -> Controller<'static, f32> {
-        let arm = ArmParameters {
-            link1_length_m: 0.5,
-            link1_mass_kg: 8.0,
-            link2_length_m: 0.55,
-            link2_mass_kg: 0.24,
-            bending_stiffness_nm2: 0.48,
-            damping_ratio: 0.05,
-            root_inertia_kgm2: 0.0,
-            tip_mass_kg: 0.0,
-            tip_inertia_kgm2: 0.0,
-            gravity_m_s2: [0.0, 9.81],
-            elbow: Elbow::Down,
-        };
+        let arm = ArmParameters::PAPER;
         let header = Header {
             arm_fingerprint: arm.fingerprint(),
             tick_rate_hz: RATE_HZ,
@@ -406,39 +422,28 @@ mod tests {
 
     impl Rig {
         fn new() -> Self {
-            let bench = || Bench {
-                sample: RawSample {
-                    force: 2048,
-                    strain: 2048,
-                    fresh: true,
-                    ..RawSample::default()
-                },
-                interlocks: Some(Interlocks {
-                    estop_released: true,
-                    drives_ok: true,
-                }),
-                timer: true,
-                ..Bench::default()
-            };
-            let mut board = TickBoard {
-                sensors: bench(),
-                drives: bench(),
-                timebase: bench(),
-                stopwatch: bench(),
-            };
-            let place = Box::leak(Box::new(None));
-            let supervisor = Supervisor::new(&mut board, place, &LIMITS, &CALIBRATION, RATE_HZ);
+            let mut board = MemoryBoard::new(RawSample {
+                force: 2048,
+                strain: 2048,
+                fresh: true,
+                ..RawSample::default()
+            });
+            board.stopwatch_step = 7;
+            let slot = || ControllerSlot::new(Box::leak(Box::new(None)));
+            let supervisor = Supervisor::new(&mut board, slot(), &LIMITS, &CALIBRATION, RATE_HZ);
+            let mut prepared = slot();
+            prepared.put(controller());
             Self {
                 board,
                 supervisor,
-                prepared: Box::leak(Box::new(Some(controller()))),
+                prepared,
             }
         }
 
         fn enabled() -> Self {
             let mut rig = Self::new();
             rig.tick();
-            rig.supervisor.enable(&mut rig.prepared);
+            rig.supervisor.enable(&mut rig.prepared).unwrap();
             rig.tick();
             rig
         }
@@ -448,39 +453,44 @@ mod tests {
         }
 
         fn torque(&self) -> Option<[f32; 2]> {
-            self.board.drives.torque
+            self.board.torque
         }
     }
 
     #[test]
     fn it_starts_disabled_with_drives_off() {
         let mut rig = Rig::new();
-        rig.board.drives.torque = Some([1.0; 2]);
+        rig.board.torque = Some([1.0; 2]);
         rig.tick();
         assert_eq!(rig.torque(), None);
-        let (mode, tick, fault, ticks, counts) = rig.supervisor.report();
-        assert_eq!((mode, tick, fault, ticks), (Mode::Disabled, 0, None, 1));
-        assert_eq!(counts, 7);
-        let standing = rig.supervisor.enable_inputs();
-        assert_eq!((standing.latched, standing.homed), (None, false));
-        assert_eq!(standing.health.fault(), None);
-        assert!((standing.measured.angle[0] - 0.5).abs() < 1e-6);
+        let expected = SupervisorStatus {
+            mode: Mode::Disabled,
+            tick: 0,
+            fault: None,
+            ticks_total: 1,
+            counts_max: 7,
+        };
+        assert_eq!(rig.supervisor.status(), expected);
+        let inputs = rig.supervisor.enable_inputs();
+        assert_eq!((inputs.latched, inputs.homed), (None, false));
+        assert_eq!(inputs.health.fault(), None);
+        assert!((inputs.measured.angle[0] - 0.5).abs() < 1e-6);
     }
 
     #[test]
     fn homed_is_what_was_said_and_lock_step_forgets_it() {
         let mut rig = Rig::new();
-        rig.board.sensors.sample.encoder = [300, 0];
+        rig.board.sample.encoder = [300, 0];
         rig.tick();
         assert!((rig.supervisor.enable_inputs().measured.angle[0] - 0.8).abs() < 1e-6);
         rig.supervisor.home().unwrap();
         assert!(rig.supervisor.enable_inputs().homed && rig.supervisor.sensors().homed);
         assert!((rig.supervisor.enable_inputs().measured.angle[0] - 0.5).abs() < 1e-6);
-        rig.supervisor.enable(&mut rig.prepared);
+        rig.supervisor.enable(&mut rig.prepared).unwrap();
         assert_eq!(rig.supervisor.home(), Err(Refusal::Busy));
         rig.supervisor.disable();
         assert!(rig.supervisor.enable_inputs().homed);
-        rig.supervisor.start_lock_step(&mut rig.prepared);
+        rig.supervisor.start_lock_step(&mut rig.prepared).unwrap();
         assert_eq!(rig.supervisor.home(), Err(Refusal::Busy));
         rig.supervisor.disable();
         assert!(!rig.supervisor.enable_inputs().homed);
@@ -491,7 +501,7 @@ mod tests {
         let mut rig = Rig::enabled();
         assert!(rig.torque().is_some_and(planned));
         rig.tick();
-        assert_eq!(rig.supervisor.report().1, 1);
+        assert_eq!(rig.supervisor.status().tick, 1);
         rig.supervisor.disable();
         rig.tick();
         assert_eq!(rig.torque(), None);
@@ -502,20 +512,20 @@ mod tests {
         type Cause = fn(&mut Rig);
         let causes: [(Fault, Cause); 7] = [
             (Fault::EmergencyStop, |rig| {
-                rig.board.drives.interlocks.as_mut().unwrap().estop_released = false;
+                rig.board.interlocks.estop_released = false;
             }),
             (Fault::Drive, |rig| {
-                rig.board.drives.interlocks.as_mut().unwrap().drives_ok = false;
+                rig.board.interlocks.drives_ok = false;
             }),
             (Fault::SensorsStale, |rig| {
-                rig.board.sensors.sample.fresh = false;
+                rig.board.sample.fresh = false;
             }),
             (Fault::SensorRange, |rig| {
-                rig.board.sensors.sample.strain = 4095;
+                rig.board.sample.strain = 4095;
             }),
             (Fault::TickOverrun, |rig| {
                 // The tick that is late is found out at its end, so the next one stops.
-                rig.board.timebase.due = true;
+                rig.board.timer_due = true;
                 rig.tick();
                 assert!(rig.torque().is_some());
             }),
@@ -532,7 +542,7 @@ mod tests {
                         ..CALIBRATION
                     },
                     RATE_HZ,
-                    &rig.board.sensors.sample,
+                    &rig.board.sample,
                 );
             }),
         ];
@@ -541,8 +551,8 @@ mod tests {
             cause(&mut rig);
             rig.tick();
             assert_eq!(rig.torque(), None, "{fault}");
-            let (mode, _, latched, ..) = rig.supervisor.report();
-            assert_eq!((mode, latched), (Mode::Disabled, Some(fault)));
+            let status = rig.supervisor.status();
+            assert_eq!((status.mode, status.fault), (Mode::Disabled, Some(fault)));
             assert_eq!(rig.supervisor.enable_inputs().latched, Some(fault));
             rig.tick();
             assert_eq!(rig.torque(), None);
@@ -558,26 +568,29 @@ mod tests {
         assert!(!report.raw.fresh && !report.interlocks.estop_released);
         let modes: [fn(&mut Rig); 3] = [
             |_| {},
-            |rig| rig.supervisor.enable(&mut rig.prepared),
-            |rig| rig.supervisor.start_lock_step(&mut rig.prepared),
+            |rig| rig.supervisor.enable(&mut rig.prepared).unwrap(),
+            |rig| {
+                rig.supervisor.disable();
+                rig.supervisor.start_lock_step(&mut rig.prepared).unwrap();
+            },
         ];
         for (i, mode) in modes.into_iter().enumerate() {
             mode(&mut rig);
             let count = 2100 + i as u16;
-            rig.board.sensors.sample = RawSample {
+            rig.board.sample = RawSample {
                 encoder: [count, 1],
                 force: 2148,
                 strain: count,
                 fresh: i != 0,
             };
-            rig.board.drives.interlocks = Some(Interlocks {
+            rig.board.interlocks = Interlocks {
                 estop_released: true,
                 drives_ok: i != 2,
-            });
+            };
             rig.tick();
             let report = rig.supervisor.sensors();
-            assert_eq!(report.raw, rig.board.sensors.sample);
-            assert_eq!(Some(report.interlocks), rig.board.drives.interlocks);
+            assert_eq!(report.raw, rig.board.sample);
+            assert_eq!(report.interlocks, rig.board.interlocks);
             assert!((report.measured.force - 1.0).abs() < 1e-6);
             let slope = (f32::from(count) - 2048.0) * 1e-3;
             assert!((report.measured.root_slope - slope).abs() < 1e-6);
@@ -590,14 +603,29 @@ mod tests {
         let mut rig = Rig::enabled();
         rig.tick();
         rig.tick();
-        assert_eq!(rig.supervisor.report().1, 2);
+        assert_eq!(rig.supervisor.status().tick, 2);
         rig.supervisor.disable();
         rig.tick();
-        *rig.prepared = Some(controller());
-        rig.supervisor.enable(&mut rig.prepared);
-        assert_eq!(rig.supervisor.report().1, 0);
+        rig.prepared.put(controller());
+        rig.supervisor.enable(&mut rig.prepared).unwrap();
+        assert_eq!(rig.supervisor.status().tick, 0);
         rig.tick();
-        assert_eq!(rig.supervisor.report().1, 0);
+        assert_eq!(rig.supervisor.status().tick, 0);
+    }
+
+    #[test]
+    fn what_the_state_does_not_allow_is_refused_and_changes_nothing() {
+        let mut rig = Rig::enabled();
+        // The slot that came back is empty: taken again, it would switch the drives off.
+        assert_eq!(rig.supervisor.enable(&mut rig.prepared), Err(Refusal::Busy));
+        assert_eq!(
+            rig.supervisor.start_lock_step(&mut rig.prepared),
+            Err(Refusal::Busy)
+        );
+        assert_eq!(rig.supervisor.stop_lock_step(), Err(Refusal::NotInLockStep));
+        rig.tick();
+        assert!(rig.torque().is_some_and(planned));
+        assert_eq!(rig.supervisor.status().tick, 1);
     }
 
     #[test]
@@ -614,14 +642,13 @@ mod tests {
     fn in_lock_step_the_host_gives_the_pace_and_the_drives_stay_off() {
         let mut rig = Rig::new();
         assert!(!rig.supervisor.post_measurement(1, Measurement::default()));
-        rig.supervisor.start_lock_step(&mut rig.prepared);
+        rig.supervisor.start_lock_step(&mut rig.prepared).unwrap();
         // The timer's last tick; it rests from then on.
         rig.tick();
-        assert!(!rig.board.timebase.running);
-        rig.board.timebase.timer = false;
+        assert!(!rig.board.timer_running);
         // Neither stop nor stale sensors matter to a tick that drives nothing.
-        rig.board.drives.interlocks.as_mut().unwrap().estop_released = false;
-        rig.board.sensors.sample.fresh = false;
+        rig.board.interlocks.estop_released = false;
+        rig.board.sample.fresh = false;
         for sequence in 7..10 {
             assert!(
                 rig.supervisor
@@ -636,7 +663,7 @@ mod tests {
         }
         rig.supervisor.disable();
         rig.tick();
-        assert!(rig.board.timebase.running);
+        assert!(rig.board.timer_running);
         assert!(rig.supervisor.tick_advanced());
         assert!(!rig.supervisor.tick_advanced(), "no tick since");
     }

@@ -1,6 +1,7 @@
 //! Streams a table: one [`Setpoint`] a tick, in bounded time and memory.
 
-use super::format::{PIECE_BYTES, Piece, ROW_BYTES, Table};
+use super::format::{Piece, Table};
+use super::layout::{PIECE_BYTES, ROW_BYTES};
 use crate::number::{Constant, Scalar, TableScalar};
 use crate::signals::{COLUMNS, Reference, Setpoint};
 
@@ -205,7 +206,7 @@ impl<T: TableScalar> Cubic<T> {
 }
 
 impl<T: Scalar> Cubic<T> {
-    /// The uniform cubic B-spline's segment with four control points. With control points up to K in
+    /// The uniform cubic B-spline's segment with four control points. With those up to K in
     /// magnitude no intermediate value, here or in [`at`](Self::at), exceeds 4.4 K.
     #[inline]
     fn through([a, b, c, d]: [T; 4]) -> Self {
@@ -238,7 +239,7 @@ impl<T: Scalar> Cubic<T> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::format::RAW_MAX;
+    use super::super::layout::RAW_MAX;
     use super::*;
     use crate::number::fixed::{Exponent, Fixed};
     use proptest::prelude::*;

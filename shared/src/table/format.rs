@@ -1,4 +1,4 @@
-//! The feedforward table: format, writer and streaming cursor.
+//! The feedforward table's format, and the checked [`Table`] that reads it in place.
 //!
 //! A table is one little-endian image that is read in place, from flash or from
 //! memory. Its rows are the **knots of cubic B-splines**, one spline a column. Splines
@@ -36,120 +36,16 @@
 //! with the uniform cubic B-spline basis. The cursor turns the four knots of a segment
 //! into the cubic's coefficients when it enters it. The torque columns hold at tick `k` what is
 //! to be *held* from tick `k` to `k + 1`, the plan's value in the middle of that
-//! period; all other columns are the plan at tick `k` itself.
+//! period; at the last tick, which is held after the end, the plan's last. All other
+//! columns are the plan at tick `k` itself.
 
 use crate::CRC32;
-use crate::number::Real;
-use crate::signals::{COLUMNS, Reference};
-use core::fmt;
-
-/// Bytes of one row.
-pub const ROW_BYTES: usize = 4 * COLUMNS;
-/// Bytes before the list of pieces.
-pub const HEADER_BYTES: usize = 48;
-/// Bytes of a piece's entry.
-pub const PIECE_BYTES: usize = 8;
-/// Most pieces of a table.
-pub const PIECES_MAX: usize = 64;
-/// Format version that this crate writes and reads.
-pub const VERSION: u16 = 1;
-/// First bytes of every image.
-pub const MAGIC: [u8; 4] = *b"FLXT";
-/// Largest magnitude of a stored integer: a bit is left free so that sums of two
-/// cannot overflow.
-pub const RAW_MAX: i32 = 1 << 30;
+use crate::signals::COLUMNS;
+use crate::table::error::TableError;
+use crate::table::layout::{HEADER_BYTES, MAGIC, PIECE_BYTES, PIECES_MAX, ROW_BYTES, VERSION};
 
 /// Offset of the CRC in the header, which it does not cover.
-const CRC_OFFSET: usize = 44;
-
-/// Why an image is not a usable table.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TableError {
-    /// Shorter than its header or than its header says, or followed by other bytes.
-    Length {
-        /// Bytes that the image should have.
-        expected: usize,
-        /// Bytes that it has.
-        found: usize,
-    },
-    /// Does not begin with [`MAGIC`]; erased flash, for one.
-    Magic {
-        /// What it begins with.
-        found: [u8; 4],
-    },
-    /// Another format version.
-    Version {
-        /// The image's version.
-        found: u16,
-    },
-    /// Checksum does not match: corrupted.
-    Crc {
-        /// Checksum in the header.
-        stored: u32,
-        /// Checksum of the bytes.
-        computed: u32,
-    },
-    /// A field of the header, or of a piece, has a value that no writer produces.
-    Field {
-        /// Name of the field.
-        name: &'static str,
-        /// Its value.
-        found: i64,
-        /// The least and the largest that are accepted.
-        accepted: [i64; 2],
-    },
-    /// Planned for another arm.
-    Fingerprint {
-        /// The arm at hand.
-        expected: u32,
-        /// The table's arm.
-        found: u32,
-    },
-}
-
-impl fmt::Display for TableError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            Self::Length { expected, found } => write!(
-                f,
-                "table image has {found} bytes where {expected} are expected: truncated or not a table"
-            ),
-            Self::Magic { found } => {
-                write!(
-                    f,
-                    "table image begins with {found:02x?}, expected {MAGIC:02x?} (\"FLXT\")"
-                )
-            }
-            Self::Version { found } => {
-                write!(
-                    f,
-                    "table format version is {found}, this program reads {VERSION}"
-                )
-            }
-            Self::Crc { stored, computed } => write!(
-                f,
-                "table checksum is {stored:#010x}, its bytes give {computed:#010x}: corrupted"
-            ),
-            Self::Field {
-                name,
-                found,
-                accepted: [least, most],
-            } => {
-                write!(f, "table field '{name}' is {found}, {least} ")?;
-                if most > least {
-                    write!(f, "to {most} ")?;
-                }
-                f.write_str("is accepted: corrupted or not a table")
-            }
-            Self::Fingerprint { expected, found } => write!(
-                f,
-                "table was planned for arm {found:#010x}, this arm is {expected:#010x}: plan it again"
-            ),
-        }
-    }
-}
-
-impl core::error::Error for TableError {}
+pub(super) const CRC_OFFSET: usize = 44;
 
 /// What a table's header says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -164,6 +60,15 @@ pub struct Header {
     pub first_tick: i32,
     /// Per column, the binary exponent of its scaling.
     pub scaling: [i8; COLUMNS],
+}
+
+impl Header {
+    /// Refuses values that no writer produces.
+    fn check(&self) -> Result<(), TableError> {
+        within("tick rate", self.tick_rate_hz, [1, i64::from(u32::MAX)])?;
+        within("ticks", self.ticks, [1, i64::from(i32::MAX)])?;
+        within("first tick", self.first_tick, [i64::from(i32::MIN), 0])
+    }
 }
 
 /// A stretch of the motion with evenly spaced knots.
@@ -181,7 +86,7 @@ impl Piece {
         self.segments.saturating_add(3)
     }
 
-    fn encode(&self) -> [u8; PIECE_BYTES] {
+    pub(super) fn encode(&self) -> [u8; PIECE_BYTES] {
         let mut bytes = [0; PIECE_BYTES];
         bytes[..4].copy_from_slice(&self.ticks.to_le_bytes());
         bytes[4..].copy_from_slice(&self.segments.to_le_bytes());
@@ -219,130 +124,8 @@ fn within(name: &'static str, found: impl Into<i64>, accepted: [i64; 2]) -> Resu
     }
 }
 
-/// Length in bytes of an image with these pieces.
-pub fn image_bytes(pieces: &[Piece]) -> usize {
-    let rows: usize = pieces.iter().map(|p| p.rows() as usize).sum();
-    HEADER_BYTES + pieces.len() * PIECE_BYTES + rows * ROW_BYTES
-}
-
-/// Binary exponent with which values up to `magnitude` fill the stored integers:
-/// the largest `s` within i8 for which `magnitude * 2^s <= RAW_MAX`.
-pub fn scaling_for(magnitude: f64) -> i8 {
-    let mut scaling = 60_i8;
-    while scaling > -60 && magnitude * libm::ldexp(1.0, i32::from(scaling)) > f64::from(RAW_MAX) {
-        scaling -= 1;
-    }
-    scaling
-}
-
-/// Writes a table image into a buffer, row by row.
-#[derive(Debug)]
-pub struct TableWriter<'b> {
-    buffer: &'b mut [u8],
-    scaling: [i8; COLUMNS],
-    /// Rows that belong to the pieces.
-    rows: u32,
-    next: usize,
-}
-
-impl<'b> TableWriter<'b> {
-    /// Starts a table in `buffer`, whose length must be exactly [`image_bytes`] of the
-    /// pieces.
-    ///
-    /// # Errors
-    /// [`TableError::Length`] for another length, [`TableError::Field`] for a header
-    /// or pieces that no reader would accept.
-    pub fn new(
-        buffer: &'b mut [u8],
-        header: &Header,
-        pieces: &[Piece],
-    ) -> Result<Self, TableError> {
-        if buffer.len() != image_bytes(pieces) {
-            return Err(TableError::Length {
-                expected: image_bytes(pieces),
-                found: buffer.len(),
-            });
-        }
-        let rows: u32 = pieces.iter().map(Piece::rows).sum();
-        let mut at = 0;
-        let mut put = |field: &[u8]| {
-            buffer[at..at + field.len()].copy_from_slice(field);
-            at += field.len();
-        };
-        put(&MAGIC);
-        put(&VERSION.to_le_bytes());
-        put(&(pieces.len().min(usize::from(u16::MAX)) as u16).to_le_bytes());
-        put(&header.arm_fingerprint.to_le_bytes());
-        put(&header.tick_rate_hz.to_le_bytes());
-        put(&header.ticks.to_le_bytes());
-        put(&header.first_tick.to_le_bytes());
-        put(&rows.to_le_bytes());
-        put(&(COLUMNS as u32).to_le_bytes());
-        put(&header.scaling.map(i8::cast_unsigned));
-        put(&(image_bytes(pieces) as u32).to_le_bytes());
-        put(&[0; 4]); // the CRC's place
-        for piece in pieces {
-            put(&piece.encode());
-        }
-        let next = at;
-        Layout::decode(buffer)?;
-        Ok(Self {
-            buffer,
-            scaling: header.scaling,
-            rows,
-            next,
-        })
-    }
-
-    /// Appends a row of knots, in SI units. Values beyond the column's scaling
-    /// saturate; [`scaling_for`] the largest magnitude prevents that.
-    ///
-    /// # Errors
-    /// [`TableError::Field`] "rows" when the table is full already.
-    pub fn row(&mut self, knots: &Reference<f64>) -> Result<(), TableError> {
-        let error = self.wrong_rows(1);
-        let row = self
-            .buffer
-            .get_mut(self.next..self.next + ROW_BYTES)
-            .ok_or(error)?;
-        let columns = knots.columns().into_iter().zip(self.scaling);
-        for (bytes, (value, scaling)) in row.chunks_exact_mut(4).zip(columns) {
-            let scaled = value * libm::ldexp(1.0, i32::from(scaling));
-            let limit = f64::from(RAW_MAX);
-            let raw = libm::rint(scaled).limited(-limit, limit) as i32;
-            bytes.copy_from_slice(&raw.to_le_bytes());
-        }
-        self.next += ROW_BYTES;
-        Ok(())
-    }
-
-    /// The error for `more` rows than have been written.
-    fn wrong_rows(&self, more: i64) -> TableError {
-        let missing = (self.buffer.len() - self.next) / ROW_BYTES;
-        let rows = i64::from(self.rows);
-        TableError::Field {
-            name: "rows",
-            found: rows - missing as i64 + more,
-            accepted: [rows; 2],
-        }
-    }
-
-    /// Completes the table with its checksum.
-    ///
-    /// # Errors
-    /// [`TableError::Field`] "rows" when rows are missing.
-    pub fn finish(self) -> Result<(), TableError> {
-        if self.next != self.buffer.len() {
-            return Err(self.wrong_rows(0));
-        }
-        let crc = checksum(self.buffer);
-        self.buffer[CRC_OFFSET..HEADER_BYTES].copy_from_slice(&crc.to_le_bytes());
-        Ok(())
-    }
-}
-
 /// Checksum of an image at least as long as the header.
-fn checksum(image: &[u8]) -> u32 {
+pub(super) fn checksum(image: &[u8]) -> u32 {
     let mut digest = CRC32.digest();
     digest.update(&image[..CRC_OFFSET]);
     digest.update(&image[HEADER_BYTES..]);
@@ -350,7 +133,7 @@ fn checksum(image: &[u8]) -> u32 {
 }
 
 /// An image's parts, everything checked but the CRC.
-struct Layout<'a> {
+pub(super) struct Layout<'a> {
     header: Header,
     crc: u32,
     pieces: &'a [[u8; PIECE_BYTES]],
@@ -358,7 +141,11 @@ struct Layout<'a> {
 }
 
 impl<'a> Layout<'a> {
-    fn decode(image: &'a [u8]) -> Result<Self, TableError> {
+    /// The parts of `image`.
+    ///
+    /// # Errors
+    /// The first [`TableError`] found, the CRC's excepted.
+    pub(super) fn decode(image: &'a [u8]) -> Result<Self, TableError> {
         let length = |expected| TableError::Length {
             expected,
             found: image.len(),
@@ -399,23 +186,10 @@ impl<'a> Layout<'a> {
             .ok_or_else(|| length(HEADER_BYTES + count * PIECE_BYTES))?;
         let (pieces, _) = pieces.as_chunks();
         let (rows, odd) = rows.as_chunks();
-        within("tick rate", header.tick_rate_hz, [1, i64::from(u32::MAX)])?;
-        within("ticks", header.ticks, [1, i64::from(i32::MAX)])?;
-        within("first tick", header.first_tick, [i64::from(i32::MIN), 0])?;
+        header.check()?;
         within("columns", word(28), [COLUMNS as i64; 2])?;
         within("pieces", half(6), [1, PIECES_MAX as i64])?;
-        let mut total_ticks = 0_i64;
-        let mut total_rows = 0_i64;
-        for piece in pieces.iter().map(Piece::decode) {
-            piece.check()?;
-            total_ticks += i64::from(piece.ticks);
-            total_rows += i64::from(piece.rows());
-        }
-        within(
-            "ticks of all pieces",
-            total_ticks,
-            [i64::from(header.ticks); 2],
-        )?;
+        let total_rows = checked_rows(pieces, header.ticks)?;
         within("rows", word(24), [total_rows; 2])?;
         if !odd.is_empty() || rows.len() as i64 != total_rows {
             let bytes = (total_rows as usize).saturating_mul(ROW_BYTES);
@@ -432,7 +206,49 @@ impl<'a> Layout<'a> {
     }
 }
 
+/// Rows of all pieces, which must be in order and add up to `ticks`.
+fn checked_rows(pieces: &[[u8; PIECE_BYTES]], ticks: u32) -> Result<i64, TableError> {
+    let mut total_ticks = 0_i64;
+    let mut total_rows = 0_i64;
+    for piece in pieces.iter().map(Piece::decode) {
+        piece.check()?;
+        total_ticks += i64::from(piece.ticks);
+        total_rows += i64::from(piece.rows());
+    }
+    within("ticks of all pieces", total_ticks, [i64::from(ticks); 2])?;
+    Ok(total_rows)
+}
+
 /// A checked table, read in place.
+///
+/// ```
+/// # use flexor::signals::Reference;
+/// # use flexor::table::{Header, Piece, Table, TableWriter, image_bytes};
+/// # let pieces = [Piece { ticks: 10, segments: 1 }];
+/// # let header = Header {
+/// #     arm_fingerprint: 7, tick_rate_hz: 1000, ticks: 10, first_tick: 0, scaling: [20; 8],
+/// # };
+/// # let mut image = vec![0; image_bytes(&pieces)];
+/// # let mut writer = TableWriter::new(&mut image, &header, &pieces)?;
+/// # for _ in 0..4 {
+/// #     writer.row(&Reference { torque: [5.0, -0.5], ..Reference::default() })?;
+/// # }
+/// # writer.finish()?;
+/// // `image` holds ten ticks of constant torques 5 N m and -0.5 N m.
+/// let table = Table::open(&image)?;
+/// let mut cursor = table.cursor::<f32>();
+/// while !cursor.at_end() {
+///     let [torque1, torque2] = cursor.setpoint().torque;
+///     assert!((torque1 - 5.0).abs() < 1e-5 && (torque2 + 0.5).abs() < 1e-5);
+///     cursor.advance();
+/// }
+/// assert_eq!(cursor.tick(), 10);
+///
+/// // A table that has suffered is refused.
+/// image[60] ^= 1;
+/// assert!(Table::open(&image).is_err());
+/// # Ok::<(), flexor::table::TableError>(())
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Table<'a> {
     pub(super) header: Header,
@@ -559,7 +375,8 @@ impl<'a> Table<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
+    use crate::signals::Reference;
+    use crate::table::{TableWriter, scaling_for};
     use proptest::prelude::*;
 
     const PIECES: [Piece; 3] = [
@@ -657,32 +474,6 @@ mod tests {
     }
 
     #[test]
-    fn pieces_that_do_not_add_up_are_refused() {
-        let mut buffer = [0; LENGTH];
-        let wrong = Header {
-            ticks: 39,
-            ..header()
-        };
-        let error = TableWriter::new(&mut buffer, &wrong, &PIECES).unwrap_err();
-        let expected = TableError::Field {
-            name: "ticks of all pieces",
-            found: 38,
-            accepted: [39, 39],
-        };
-        assert_eq!(error, expected);
-        let mut pieces = PIECES;
-        pieces[2].segments = 0;
-        pieces[1].segments = 4;
-        let error = TableWriter::new(&mut buffer, &header(), &pieces).unwrap_err();
-        let expected = TableError::Field {
-            name: "segments of a piece",
-            found: 0,
-            accepted: [1, 7],
-        };
-        assert_eq!(error, expected);
-    }
-
-    #[test]
     fn the_wrong_arm_is_refused() {
         let error = Table::open_for(&image(), 8).unwrap_err();
         assert_eq!(
@@ -698,29 +489,6 @@ mod tests {
     fn erased_flash_is_told_apart() {
         let error = Table::open(&[0xff; 4096]).unwrap_err();
         assert_eq!(error, TableError::Magic { found: [0xff; 4] });
-    }
-
-    #[test]
-    fn the_writer_wants_exactly_its_rows() {
-        let mut buffer = [0; LENGTH];
-        assert!(TableWriter::new(&mut buffer[1..], &header(), &PIECES).is_err());
-        let mut writer = TableWriter::new(&mut buffer, &header(), &PIECES).unwrap();
-        for _ in 0..ROWS {
-            writer.row(&Reference::default()).unwrap();
-        }
-        assert!(writer.row(&Reference::default()).is_err());
-        let writer = TableWriter::new(&mut buffer, &header(), &PIECES).unwrap();
-        assert!(writer.finish().is_err());
-    }
-
-    #[test]
-    fn scaling_fills_the_integers() {
-        for magnitude in [1e-12, 0.3, 1.0, 11.0, 1e9, 1e12] {
-            let raw = magnitude * libm::ldexp(1.0, i32::from(scaling_for(magnitude)));
-            assert!(raw <= f64::from(RAW_MAX), "{magnitude}: {raw}");
-            assert!(raw > f64::from(RAW_MAX) / 2.0 || scaling_for(magnitude) == 60);
-        }
-        assert_eq!(scaling_for(0.0), 60);
     }
 
     proptest! {

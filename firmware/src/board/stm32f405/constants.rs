@@ -1,5 +1,6 @@
 //! Every number of the default board, each with where it comes from.
 
+use flexor::link::BAUD;
 use flexor::supervisor::{Calibration, DriveScale, SafetyLimits};
 
 // --- Clocks ------------------------------------------------------------------------
@@ -34,8 +35,6 @@ pub const CONVERSION_LEAD_COUNTS: u32 = 960;
 
 // --- Link ------------------------------------------------------------------------------
 
-/// Baud rate: divides 84 MHz and 16 MHz without remainder, and USB bridges have it.
-pub const BAUD: u32 = 1_000_000;
 /// Bytes of the receive queue: two of the longest frames.
 pub const RECEIVE_QUEUE: usize = 512;
 /// Bytes of the transmit queue: two of the longest frames, and the one place that the

@@ -24,16 +24,18 @@
 pub mod constants;
 
 use constants::{
-    APB1_PLL_HZ, APB2_PLL_HZ, BAUD, CONVERSION_LEAD_COUNTS, CORE_PLL_HZ, CRYSTAL_HZ, CRYSTAL_POLLS,
+    APB1_PLL_HZ, APB2_PLL_HZ, CONVERSION_LEAD_COUNTS, CORE_PLL_HZ, CRYSTAL_HZ, CRYSTAL_POLLS,
     DAC_ZERO, DRIVES, PLL_POLLS, TICK_RATE_HZ, WATCHDOG_MS,
 };
 use core::ops::Deref;
 use cortex_m::peripheral::{DCB, DWT};
-use flexor::link::{ClockSource, Interlocks, RawSample};
-use flexor::supervisor::{Drives, Inputs, Sensors, Stopwatch, Timebase};
+use flexor::link::{BAUD, ClockSource, Interlocks, RawSample};
+use flexor::supervisor::Board;
 use stm32f4xx_hal::dac::{C1, C2, DacOut, DacPin};
 use stm32f4xx_hal::gpio::outport::{OutPort, OutPort2};
-use stm32f4xx_hal::gpio::{Analog, PC0, PC1, PC8, PC9, PC10, PinState, Pull, PushPull};
+use stm32f4xx_hal::gpio::{
+    Analog, PA4, PA5, PC0, PC1, PC6, PC7, PC8, PC9, PC10, PinState, Pull, PushPull,
+};
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::qei::{self, Qei};
@@ -87,8 +89,8 @@ fn poll(count: u32, ready: impl Fn() -> bool) -> bool {
     (0..count).any(|_| ready())
 }
 
-/// Peripherals, set up.
-pub struct Board {
+/// Everything on the board, set up.
+pub struct Peripherals {
     /// What the tick's interrupt uses.
     pub tick: TickBoard,
     /// The link's line.
@@ -101,7 +103,7 @@ pub struct Board {
     pub watchdog_reset: bool,
 }
 
-impl Board {
+impl Peripherals {
     /// Sets everything up, drives off first. The debug units are for the stopwatch.
     pub fn new(device: pac::Peripherals, dcb: &mut DCB, dwt: &mut DWT) -> Self {
         let p = device;
@@ -112,26 +114,14 @@ impl Board {
         let gpiob = p.GPIOB.split(&mut rcc);
         let gpioc = p.GPIOC.split(&mut rcc);
 
-        let mut torques = p
-            .DAC
-            .constrain((gpioa.pa4.into_analog(), gpioa.pa5.into_analog()), &mut rcc);
-        // Before the lines become outputs and the torque outputs leave their high impedance.
-        emergency_off();
-        torques.0.enable();
-        torques.1.enable();
-        let drives = AnalogDrives {
-            enables: (
-                gpioc.pc6.into_push_pull_output_in_state(PinState::Low),
-                gpioc.pc7.into_push_pull_output_in_state(PinState::Low),
-            )
-                .outport(),
-            torques,
-            well: (
-                gpioc.pc8.into_pull_down_input(),
-                gpioc.pc9.into_pull_down_input(),
-            ),
-            estop_released: gpioc.pc10.into_pull_down_input(),
-        };
+        let drives = AnalogDrives::new(
+            p.DAC,
+            (gpioa.pa4, gpioa.pa5),
+            (gpioc.pc6, gpioc.pc7),
+            (gpioc.pc8, gpioc.pc9),
+            gpioc.pc10,
+            &mut rcc,
+        );
 
         // The control period does not run on while a debugger holds the core.
         p.DBGMCU
@@ -167,14 +157,14 @@ impl Board {
             ),
         };
         let core_hz = rcc.clocks.sysclk().raw();
-        let (stopwatch, stopwatch_hz) = Counter::new(p.TIM5, dcb, dwt, &mut rcc);
+        let (stopwatch, stopwatch_hz) = Stopwatch::new(p.TIM5, dcb, dwt, &mut rcc);
         // The pull-up keeps an open line quiet.
         let line = (gpioa.pa9, gpioa.pa10.internal_resistor(Pull::Up));
         Self {
             tick: TickBoard {
                 sensors,
                 drives,
-                timebase: Tim2::new(p.TIM2, &mut rcc),
+                timer: ControlTimer::new(p.TIM2, &mut rcc),
                 stopwatch,
             },
             serial: Serial::new(p.USART1, line, &mut rcc),
@@ -193,11 +183,60 @@ impl Board {
 }
 
 /// What the tick's interrupt uses.
-pub type TickBoard = flexor::supervisor::TickBoard<EncodersAndAdc, AnalogDrives, Tim2, Counter>;
+pub struct TickBoard {
+    sensors: EncodersAndAdc,
+    drives: AnalogDrives,
+    timer: ControlTimer,
+    stopwatch: Stopwatch,
+}
+
+impl Board for TickBoard {
+    #[inline]
+    fn sample(&mut self) -> RawSample {
+        self.sensors.sample()
+    }
+
+    #[inline]
+    fn interlocks(&self) -> Interlocks {
+        self.drives.interlocks()
+    }
+
+    #[inline]
+    fn command(&mut self, torque: [f32; 2]) {
+        self.drives.command(torque);
+    }
+
+    #[inline]
+    fn off(&mut self) {
+        emergency_off();
+    }
+
+    #[inline]
+    fn acknowledge_timer(&mut self) -> bool {
+        self.timer.acknowledge()
+    }
+
+    #[inline]
+    fn timer_due(&self) -> bool {
+        self.timer.due()
+    }
+
+    // Called where lock-step begins and ends only: out of the way of every other tick.
+    #[cold]
+    #[inline(never)]
+    fn run_timer(&mut self, run: bool) {
+        self.timer.run(run);
+    }
+
+    #[inline]
+    fn stopwatch(&self) -> u32 {
+        self.stopwatch.counts()
+    }
+}
 
 /// Two quadrature encoders on TIM3 and TIM4; injected conversions of ADC1 on PC0 and PC1,
 /// started by TIM2 ahead of the tick.
-pub struct EncodersAndAdc {
+struct EncodersAndAdc {
     encoders: (pac::TIM3, pac::TIM4),
     converter: pac::ADC1,
 }
@@ -250,7 +289,7 @@ fn injected(
     converter
 }
 
-impl Sensors for EncodersAndAdc {
+impl EncodersAndAdc {
     #[inline]
     fn sample(&mut self) -> RawSample {
         let fresh = self.converter.sr().read().jeoc().bit_is_set();
@@ -273,33 +312,55 @@ const ENABLES: [u8; 2] = [6, 7];
 
 /// Two current-controlled drives: torque commands from the converter's channels, enable
 /// lines, and the inputs beside them.
-pub struct AnalogDrives {
+struct AnalogDrives {
     enables: OutPort2<'C', { ENABLES[0] }, { ENABLES[1] }>,
     torques: (C1, C2),
-    well: (PC8, PC9),
+    drives_ok: (PC8, PC9),
     estop_released: PC10,
 }
 
-impl Drives for AnalogDrives {
+impl AnalogDrives {
+    /// Drives off before the lines become outputs and the torque outputs leave their high
+    /// impedance.
+    fn new(
+        dac: pac::DAC,
+        outputs: (PA4, PA5),
+        enables: (PC6, PC7),
+        drives_ok: (PC8, PC9),
+        estop_released: PC10,
+        rcc: &mut Rcc,
+    ) -> Self {
+        let outputs = (outputs.0.into_analog(), outputs.1.into_analog());
+        let mut torques = dac.constrain(outputs, rcc);
+        emergency_off();
+        torques.0.enable();
+        torques.1.enable();
+        Self {
+            enables: (
+                enables.0.into_push_pull_output_in_state(PinState::Low),
+                enables.1.into_push_pull_output_in_state(PinState::Low),
+            )
+                .outport(),
+            torques,
+            drives_ok: (
+                drives_ok.0.into_pull_down_input(),
+                drives_ok.1.into_pull_down_input(),
+            ),
+            estop_released: estop_released.into_pull_down_input(),
+        }
+    }
+
     #[inline]
     fn command(&mut self, torque: [f32; 2]) {
         self.torques.0.set_value(DRIVES[0].count(torque[0]));
         self.torques.1.set_value(DRIVES[1].count(torque[1]));
         self.enables.all_high();
     }
-
-    #[inline]
-    fn off(&mut self) {
-        emergency_off();
-    }
-}
-
-impl Inputs for AnalogDrives {
     #[inline]
     fn interlocks(&self) -> Interlocks {
         Interlocks {
             estop_released: self.estop_released.is_high(),
-            drives_ok: self.well.0.is_high() && self.well.1.is_high(),
+            drives_ok: self.drives_ok.0.is_high() && self.drives_ok.1.is_high(),
         }
     }
 }
@@ -318,11 +379,11 @@ pub fn emergency_off() {
     C2.set_value(DAC_ZERO);
 }
 
-/// The control period's timer. Its compare channel 1 starts the converter ahead of the
+/// The control period's timer, TIM2. Its compare channel 1 starts the converter ahead of the
 /// period's end.
-pub struct Tim2(pac::TIM2);
+struct ControlTimer(pac::TIM2);
 
-impl Tim2 {
+impl ControlTimer {
     fn new(tim: pac::TIM2, rcc: &mut Rcc) -> Self {
         pac::TIM2::enable(rcc);
         let period = pac::TIM2::timer_clock(&rcc.clocks).raw() / TICK_RATE_HZ;
@@ -339,9 +400,7 @@ impl Tim2 {
         timer.run(true);
         timer
     }
-}
 
-impl Timebase for Tim2 {
     #[inline]
     fn acknowledge(&mut self) -> bool {
         let due = self.due();
@@ -371,13 +430,13 @@ impl Timebase for Tim2 {
 
 /// The stopwatch: the core's cycle counter, or TIM5 where there is none. QEMU has none; under
 /// `-icount shift=0` its timers count once an instruction.
-pub struct Counter {
+struct Stopwatch {
     tim5: pac::TIM5,
     /// The core's counter counts.
     cycles: bool,
 }
 
-impl Counter {
+impl Stopwatch {
     /// Starts it; returns what it counts in a second, too.
     fn new(tim5: pac::TIM5, dcb: &mut DCB, dwt: &mut DWT, rcc: &mut Rcc) -> (Self, u32) {
         dcb.enable_trace();
@@ -396,9 +455,7 @@ impl Counter {
         };
         (Self { tim5, cycles }, hz.raw())
     }
-}
 
-impl Stopwatch for Counter {
     #[inline]
     fn counts(&self) -> u32 {
         if self.cycles {

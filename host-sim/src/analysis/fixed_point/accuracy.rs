@@ -10,16 +10,16 @@
 //! - **adversarial**: every measured value at the ends of its fixed-point format or zero,
 //!   held until the integral is wound up, then flipping from tick to tick (derivative
 //!   spikes); drives that limit; with gains on force, derivative, integral and slope rate.
-//!   In fixed point signals saturate here, so the reference is [`exact::Exact`], which
+//!   In fixed point signals saturate here, so the reference is [`Exact`], which
 //!   saturates as they do and rounds nothing.
 
 use super::exact::Exact;
 use crate::analysis::fixed_point::range;
 use crate::analysis::fixed_point::range::RangeError;
 use crate::planner::plan::Plan;
-use crate::simulation::closed_loop;
-use crate::simulation::closed_loop::{Run, RunError, RunOptions};
-use flexor::control::{Coefficients, Command, Controller, LawParameters, LimitParameters};
+use crate::simulation::closed_loop::{Run, RunError, RunOptions, Simulation, Step};
+use crate::simulation::start::plant_for;
+use flexor::control::{Coefficients, Controller, LawParameters, LimitParameters};
 use flexor::number::TableScalar;
 use flexor::number::fixed::{Exponent, Fixed};
 use flexor::signals::{Formats, Measurement, Saturation, SaturationCounts};
@@ -87,23 +87,15 @@ pub fn run_fixed(
     plan: &Plan,
     image: &[u8],
     options: &RunOptions,
-    mut observe: impl FnMut(&Measurement<Fixed>, &Command<Fixed>),
+    observe: impl FnMut(&Step<Fixed>),
 ) -> Result<(Run, SaturationCounts<u32>), AccuracyError> {
     let analysis = range::analyse(plan, image, &options.law, &options.limits)?;
     let table = Table::open(image).map_err(RunError::from)?;
-    let mut controller =
-        Controller::with(&table, &analysis.coefficients).map_err(RunError::from)?;
-    let run = closed_loop::run_controller(
-        plan,
-        &mut controller,
-        analysis.formats(),
-        options,
-        |measured, command| {
-            observe(measured, &command);
-            Some(command)
-        },
-    )?;
-    Ok((run, *controller.saturations()))
+    let controller = Controller::with(&table, &analysis.coefficients).map_err(RunError::from)?;
+    let plant = plant_for(plan, &options.plant, options.start).map_err(RunError::from)?;
+    let mut simulation = Simulation::with_controller(plan, controller, analysis.formats(), plant);
+    let run = simulation.run(observe);
+    Ok((run, *simulation.controller().saturations()))
 }
 
 /// Accuracy of f32 and of fixed point. `progress` is called [`effort`] times, less often
@@ -117,9 +109,9 @@ pub fn measure(
     options: &RunOptions,
     progress: &dyn Fn(),
 ) -> Result<[Accuracy; 2], AccuracyError> {
-    let reference = closed_loop::run_with::<f64>(plan, image, options, |_, _| progress())?;
-    let single = closed_loop::run_with::<f32>(plan, image, options, |_, _| progress())?;
-    let (fixed, saturations) = run_fixed(plan, image, options, |_, _| progress())?;
+    let reference = Simulation::<f64>::new(plan, image, options)?.run(|_| progress());
+    let single = Simulation::<f32>::new(plan, image, options)?.run(|_| progress());
+    let (fixed, saturations) = run_fixed(plan, image, options, |_| progress())?;
     let (law, limits) = (&options.law, &options.limits);
     let analysis = range::analyse(plan, image, law, limits)?;
     let hostile = hostile_law(law, plan.tick_rate_hz);
@@ -193,12 +185,15 @@ fn compare(number: &'static str, reference: &Run, run: &Run) -> Accuracy {
         .map(|(a, b)| (a.t, [0, 1].map(|joint| b.torque[joint] - a.torque[joint])))
         .collect();
     let mean_square = |joint: usize| {
-        let sum: f64 = trace.iter().map(|(_, error)| error[joint].powi(2)).sum();
+        let sum: f64 = trace
+            .iter()
+            .map(|(_, error)| error[joint] * error[joint])
+            .sum();
         sum / trace.len().max(1) as f64
     };
     let bits = [0, 1].map(|joint| {
         let range = 2.0 * reference.summary.torque_max[joint];
-        (range / (12.0 * mean_square(joint)).sqrt()).log2()
+        libm::log2(range / (12.0 * mean_square(joint)).sqrt())
     });
     let mut errors = Tally::default();
     for (_, error) in &trace {
@@ -288,7 +283,7 @@ pub fn random_measurements(range: &Measurement<f64>) -> impl Iterator<Item = Mea
     const ROOT: f64 = 1.134_724_138_401_519_4;
     let range = *range;
     (1_u32..).map(move |i| {
-        let fraction = |k: i32| (f64::from(i) * ROOT.powi(-k)).fract();
+        let fraction = |k: i32| (f64::from(i) * libm::pow(ROOT, f64::from(-k))).fract();
         let value = |k: i32, range: f64| match (fraction(k) * 16.0) as u32 {
             0 => -range,
             15 => range,

@@ -32,7 +32,7 @@ impl Scalar for Exact {
     fn constant(constant: Constant) -> Self {
         // The exponent is in the bits.
         let ratio = f64::from(constant.bits) / 2_147_483_648.0 / constant.value;
-        Self(constant.value * 2f64.powf(ratio.log2().round()))
+        Self(constant.value * libm::exp2(libm::log2(ratio).round()))
     }
 
     fn plus(self, other: Self, count: &mut u32) -> Self {
@@ -68,7 +68,7 @@ impl Scalar for Exact {
     }
 
     fn times_in_range<const UP: u32>(self, other: Self) -> Self {
-        Self(self.0 * other.0 * 2f64.powi(UP as i32 - 1))
+        Self(self.0 * other.0 * libm::ldexp(1.0, UP as i32 - 1))
     }
 
     fn sum(self) -> f64 {
@@ -143,7 +143,7 @@ impl TableScalar for Exact {
 
     fn column_scale(scaling: i8, format: Exponent) -> Option<f64> {
         Fixed::column_scale(scaling, format)
-            .map(|_| 2f64.powi(-i32::from(scaling)) / format.range())
+            .map(|_| libm::ldexp(1.0, -i32::from(scaling)) / format.range())
     }
 
     fn control_point(raw: i32, column_scale: f64) -> Self {

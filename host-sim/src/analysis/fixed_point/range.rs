@@ -200,10 +200,10 @@ fn signals(
     };
     let torque = [0, 1].map(|i| limits.torque_nm[i].max(plan.peaks.torque[i]));
     let moment_arm2 = |p: &crate::planner::plan::PlanPoint| {
-        arm.link2_length_m * (normal - p.joint.angle[1]).sin()
+        arm.link2_length_m * libm::sin(normal - p.joint.angle[1])
     };
     let moment_arm1 = |p: &crate::planner::plan::PlanPoint| {
-        arm.link1_length_m * (normal - p.joint.angle[0]).sin() + moment_arm2(p)
+        arm.link1_length_m * libm::sin(normal - p.joint.angle[0]) + moment_arm2(p)
     };
     let moment_arms = [largest(&moment_arm1), largest(&moment_arm2)];
     let pressed = [0, 1].map(|i| (torque[i] + plan.peaks.torque[i]) / moment_arms[i].max(1e-6));
@@ -285,7 +285,7 @@ struct Errors {
 impl Errors {
     fn new(signals: &[Signal; 7], header: &Header, law: &LawParameters, plan: &Plan) -> Self {
         let unit = |i: usize| signals[i].exponent.unit();
-        let ulp = |e: i32| 2f64.powi(e);
+        let ulp = |e: i32| libm::ldexp(1.0, e);
         // Splines: 16 units of 2^-28 of what the column's integers can hold, and of the
         // signal's own where those are coarser.
         let spline = |column: usize, signal: usize| {

@@ -1,10 +1,10 @@
 //! What is wrong with gains, and what would help: in words.
 
 use super::StabilityError;
-use super::linear::PlantVariant;
 use super::path::{self, FrozenPoint, Summary};
 use super::sampled::with_gains_times;
 use crate::planner::plan::Plan;
+use crate::plant::spread::PlantVariant;
 use crate::text::four_digits;
 use flexor::control::{ForceProjection, LawParameters};
 use rayon::prelude::*;
@@ -25,10 +25,10 @@ pub(super) const GAINS: [GainField; 4] = [
     ("K_w_Nms_rad", |law| &mut law.slope_rate_nms_rad),
 ];
 
-fn stable(spots: &[FrozenPoint], plan: &Plan, law: &LawParameters) -> bool {
-    spots
+fn stable(frozen_points: &[FrozenPoint], plan: &Plan, law: &LawParameters) -> bool {
+    frozen_points
         .par_iter()
-        .all(|spot| spot.verdict(plan, law, 0.0).is_stable())
+        .all(|frozen| frozen.verdict(plan, law, 0.0).is_stable())
 }
 
 /// The largest share of a gain, to 1 %, with which `holds`; `None` if not even a
@@ -55,7 +55,7 @@ fn down(value: f64) -> String {
     if !(value > 0.0) {
         return "0".into();
     }
-    let unit = 10f64.powf(value.log10().floor() - 1.0);
+    let unit = libm::pow(10.0, libm::log10(value).floor() - 1.0);
     four_digits((value / unit + 1e-9).floor() * unit).to_string()
 }
 
@@ -91,7 +91,7 @@ pub fn advice(
         "the gains are unstable ({}): worst at t = {:.3} s in {}",
         summary.name, summary.worst_t_s, summary.worst_mode
     )];
-    let spots = path::spots(plan, variant, times)?;
+    let frozen_points = path::frozen_points(plan, variant, times)?;
     let mut remedies = vec![];
     for (name, gain) in GAINS {
         let value = *gain(&mut { *law });
@@ -101,14 +101,15 @@ pub fn advice(
         let with = |share: f64| {
             let mut law = *law;
             *gain(&mut law) = value * share;
-            stable(&spots, plan, &law)
+            stable(&frozen_points, plan, &law)
         };
         if let Some(share) = share(with) {
             remedies.push(format!("{name} up to {}", down(value * share)));
         }
     }
     if remedies.is_empty()
-        && let Some(share) = share(|share| stable(&spots, plan, &with_gains_times(law, share)))
+        && let Some(share) =
+            share(|share| stable(&frozen_points, plan, &with_gains_times(law, share)))
     {
         remedies.push(format!("all gains times {}", down(share)));
     }
@@ -116,7 +117,9 @@ pub fn advice(
         force_projection: ForceProjection::JacobianTranspose,
         ..*law
     };
-    if law.force_projection == ForceProjection::AsPrinted && stable(&spots, plan, &transpose) {
+    if law.force_projection == ForceProjection::AsPrinted
+        && stable(&frozen_points, plan, &transpose)
+    {
         remedies.push("force_projection = \"jacobian-transpose\"".to_string());
     }
     if let Some(rate) = faster(plan, variant, law, times)? {
@@ -150,7 +153,7 @@ fn faster(
             tick_rate_hz: tick_rate_hz as u32,
             ..variant.clone()
         };
-        if stable(&path::spots(plan, &variant, times)?, plan, law) {
+        if stable(&path::frozen_points(plan, &variant, times)?, plan, law) {
             return Ok(Some(variant.tick_rate_hz));
         }
     }
@@ -169,7 +172,7 @@ pub fn warning(
 ) -> Result<Vec<String>, StabilityError> {
     super::check(law)?;
     let times = path::times(plan, path::DEFAULT_POINTS);
-    let variant = PlantVariant::new(plan, plant, 0.0)?;
+    let variant = PlantVariant::new(&plan.model.arm, plan.tick_rate_hz, plant, 0.0)?;
     let summary = path::quick_check(plan, "simulated plant", &variant, law, &times)?;
     if summary.stable {
         return Ok(vec![]);

@@ -2,7 +2,8 @@
 //! so that the one set of equations gives its own exact derivatives.
 //!
 //! A type of its own around [`num_dual::Dual64`], because neither that type nor the
-//! trait [`Real`] belongs to this crate.
+//! trait [`Real`] belongs to this crate, and because its sine, cosine and angle are the
+//! platform's.
 
 use flexor::number::Real;
 use num_dual::{Dual64, DualNum};
@@ -118,17 +119,21 @@ impl Real for Dual {
 
     #[inline]
     fn sin(self) -> Self {
-        Self(DualNum::sin(&self.0))
+        let (sine, cosine) = libm::sincos(self.0.re);
+        Self::new(sine, self.0.eps * cosine)
     }
 
     #[inline]
     fn cos(self) -> Self {
-        Self(DualNum::cos(&self.0))
+        let (sine, cosine) = libm::sincos(self.0.re);
+        Self::new(cosine, self.0.eps * -sine)
     }
 
     #[inline]
     fn atan2(self, x: Self) -> Self {
-        Self(DualNum::atan2(&self.0, x.0))
+        let (y, x) = (self.0, x.0);
+        let slope = (x.re * y.eps - y.re * x.eps) / (x.re * x.re + y.re * y.re);
+        Self::new(libm::atan2(y.re, x.re), slope)
     }
 }
 

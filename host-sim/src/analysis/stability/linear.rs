@@ -8,13 +8,15 @@
 //! can be measured; run with [`Dual`] numbers they give the derivatives as well, exactly.
 
 use super::StabilityError;
+use super::complex::norm;
 use super::dual::Dual;
-use crate::model::arm_model::ArmModel;
+use crate::model::arm_model::{ArmModel, dot};
+use crate::model::configuration::Surface;
 use crate::model::dynamics;
-use crate::model::dynamics::Surface;
+use crate::model::forward::Workspace;
 use crate::planner::plan::{Plan, Sampler};
 use crate::plant;
-use crate::plant::PlantParameters;
+use crate::plant::spread::PlantVariant;
 use flexor::model::{Kinematics, KinematicsError};
 use flexor::number::Real;
 use nalgebra::{Complex, DMatrix};
@@ -33,51 +35,6 @@ pub const ANGLE2: usize = 3;
 pub const TIP: usize = 4;
 /// Output: slope of link 2 at its root, rad.
 pub const SLOPE: usize = 5;
-
-/// A plant to examine: how it differs from the planned arm, with its model.
-#[derive(Clone, Debug)]
-pub struct PlantVariant {
-    /// The plant's parameters.
-    pub parameters: PlantParameters,
-    /// Turn of the real surface's normal against the planned one, rad.
-    pub contact_angle_rad: f64,
-    /// Control rate, Hz.
-    pub tick_rate_hz: u32,
-    /// The plant's model.
-    pub model: ArmModel,
-}
-
-impl PlantVariant {
-    /// The plant with `parameters` on a surface turned by `contact_angle_rad`, for
-    /// `plan`'s arm and control rate.
-    ///
-    /// # Errors
-    /// [`StabilityError::Model`].
-    pub fn new(
-        plan: &Plan,
-        parameters: &PlantParameters,
-        contact_angle_rad: f64,
-    ) -> Result<Self, StabilityError> {
-        Ok(Self {
-            parameters: *parameters,
-            contact_angle_rad,
-            tick_rate_hz: plan.tick_rate_hz,
-            model: ArmModel::new(&parameters.arm(&plan.model.arm), parameters.elements)?,
-        })
-    }
-
-    /// The planned arm itself.
-    ///
-    /// # Errors
-    /// As [`new`](Self::new).
-    pub fn planned(plan: &Plan) -> Result<Self, StabilityError> {
-        let parameters = PlantParameters {
-            elements: plan.model.elements,
-            ..PlantParameters::default()
-        };
-        Self::new(plan, &parameters, 0.0)
-    }
-}
 
 /// Where the equations are linearised: a state of the moving plant.
 #[derive(Clone, Debug)]
@@ -110,7 +67,7 @@ impl OperatingPoint {
     ) -> Result<Self, StabilityError> {
         let (model, planned) = (&variant.model, &plan.model);
         let point = sampler.at(t);
-        let (sine, cosine) = variant.contact_angle_rad.sin_cos();
+        let (sine, cosine) = libm::sincos(variant.contact_angle_rad);
         let turn = |v: [f64; 2]| [cosine * v[0] - sine * v[1], sine * v[0] + cosine * v[1]];
         let path = &plan.task.path;
         let length = path.length();
@@ -122,7 +79,7 @@ impl OperatingPoint {
             offset_m: normal[0] * tip[0] + normal[1] * tip[1],
         };
 
-        let mut q = model.adopt(planned, sampler.q());
+        let mut q = model.project_shape_from(planned, sampler.q());
         let mut torque = point.torque;
         let angle = point.joint.angle;
         let rest = |model: &ArmModel, force, geometric| {
@@ -133,9 +90,9 @@ impl OperatingPoint {
         let geometric = variant.parameters.geometric_stiffness;
         let own = rest(model, normal.map(|n| n * plan.task.normal_force), geometric)?;
         let theirs = rest(planned, plan.force(), false)?;
-        let adopted = model.adopt(planned, &theirs.0);
+        let projected = model.project_shape_from(planned, &theirs.0);
         for i in 0..q.len() {
-            q[i] += own.0[i] - adopted[i];
+            q[i] += own.0[i] - projected[i];
         }
         for joint in 0..2 {
             torque[joint] += own.1[joint] - theirs.1[joint];
@@ -146,7 +103,7 @@ impl OperatingPoint {
         state.extend(q);
         let velocity = point.tip.velocity;
         state.push(along[0] * velocity[0] + along[1] * velocity[1]);
-        state.extend(model.adopt(planned, sampler.q_rate()));
+        state.extend(model.project_shape_from(planned, sampler.q_rate()));
         Ok(Self {
             t,
             surface,
@@ -193,6 +150,7 @@ pub fn derivative<T: Real>(
         torque,
         &full,
         &mut slope,
+        &mut Workspace::new(model),
     );
 
     rate[..m].copy_from_slice(&y[m..]);
@@ -211,11 +169,7 @@ pub fn derivative<T: Real>(
     });
     rate[m + 1..].copy_from_slice(&slope[4 + n..]);
 
-    let at_root = |q: &[T]| {
-        q.iter()
-            .zip(&model.root_slope)
-            .fold(T::ZERO, |sum, (q, e)| sum + T::from_f64(*e) * *q)
-    };
+    let at_root = |q: &[T]| dot(&model.root_slope, q);
     let mut output = [T::ZERO; OUTPUTS];
     output[FORCE] = force;
     output[SLOPE_RATE] = at_root(&y[m + 1..]);
@@ -341,7 +295,7 @@ impl Linear {
 /// Slowest first; a pair's positive frequency first.
 pub(super) fn sort(poles: &mut [Complex<f64>]) {
     poles.sort_by(|a, b| {
-        let key = |p: &Complex<f64>| (p.norm() * 1e9).round();
+        let key = |p: &Complex<f64>| (norm(*p) * 1e9).round();
         key(a).total_cmp(&key(b)).then(b.im.total_cmp(&a.im))
     });
 }

@@ -2,10 +2,10 @@
 
 use super::StabilityError;
 use super::advice::GAINS;
-use super::linear::PlantVariant;
 use super::path::{self, FrozenPoint};
 use super::sampled::with_gains_times;
 use crate::planner::plan::Plan;
+use crate::plant::spread::PlantVariant;
 use flexor::control::LawParameters;
 use rayon::prelude::*;
 
@@ -97,8 +97,10 @@ pub fn map(
     law: &LawParameters,
     gains: [GainId; 2],
 ) -> Result<Map, StabilityError> {
-    let spots = path::spots(plan, variant, &path::times(plan, POINTS))?;
-    let contact = spots.first().map_or(1.0, FrozenPoint::contact_frequency);
+    let frozen_points = path::frozen_points(plan, variant, &path::times(plan, POINTS))?;
+    let contact = frozen_points
+        .first()
+        .map_or(1.0, FrozenPoint::contact_frequency);
     let values = [0, 1].map(|axis| {
         let own = gains[axis].of(law);
         let middle = if own > 0.0 {
@@ -109,7 +111,7 @@ pub fn map(
         (0..CELLS[axis])
             .map(|i| {
                 let share = (i as f64 + 0.5) / CELLS[axis] as f64 - 0.5;
-                middle * 10f64.powf(DECADES * share)
+                middle * libm::pow(10.0, DECADES * share)
             })
             .collect::<Vec<f64>>()
     });
@@ -120,9 +122,9 @@ pub fn map(
             let law = gains[1].set(&law, values[1][i / CELLS[0]]);
             let holds = |factor: f64, delay: f64| {
                 let law = with_gains_times(&law, factor);
-                spots
+                frozen_points
                     .iter()
-                    .all(|spot| spot.verdict(plan, &law, delay).is_stable())
+                    .all(|frozen| frozen.verdict(plan, &law, delay).is_stable())
             };
             if !holds(1.0, 0.0) {
                 Class::Unstable

@@ -5,23 +5,27 @@
 //! are "determined appropriately". Here the plant that is simulated is linearised by
 //! exact derivatives ([`linear`]), sampled as the controller samples it and closed with
 //! the controller's own law ([`sampled`]), examined along the path and for a spread of
-//! plants ([`path`]), and searched for gains ([`tune`]). Eq. 23 as the paper prints it is
+//! plants ([`path`]), and searched for gains (`tune`). Eq. 23 as the paper prints it is
 //! in [`printed`]. `docs/gains.md` has the findings.
 //!
 //! Glossary: *frozen* means linearised at a point of the motion, as if the motion stayed
-//! there; the *sliding* is the tip's motion along the surface, a pair of poles that
+//! there; the *tangential mode* is the tip's motion along the surface, a pair of poles that
 //! eq. 18-20 do not control; the *contact mode* is the link's slowest vibration with the
 //! tip on the surface; *radius* is the largest magnitude of an eigenvalue from tick to
 //! tick, below 1 for a stable loop; a *variant* is a plant that differs from the planned
 //! arm, a *spread* a set of them.
 
 pub mod advice;
+mod complex;
 pub mod dual;
 pub mod linear;
 pub mod map;
 pub mod path;
 pub mod printed;
+// What only the search for gains asks of it.
+#[cfg_attr(not(feature = "tune"), allow(dead_code))]
 pub mod sampled;
+#[cfg(feature = "tune")]
 pub mod tune;
 
 use crate::model::arm_model::ModelError;

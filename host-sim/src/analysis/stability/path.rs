@@ -2,11 +2,12 @@
 //! arm and for a spread of plants.
 
 use super::StabilityError;
-use super::linear::{Linear, OperatingPoint, PlantVariant};
+use super::complex::{ln, norm};
+use super::linear::{Linear, OperatingPoint};
 use super::sampled::{LinearLaw, Sampled, with_gains_times};
 use crate::planner::plan::Plan;
 use crate::plant::PlantParameters;
-use crate::text::Shortest;
+use crate::plant::spread::{PlantVariant, Spread};
 use flexor::control::LawParameters;
 use nalgebra::Complex;
 use rayon::prelude::*;
@@ -35,7 +36,7 @@ pub struct FrozenPoint {
     pub t: f64,
     /// The sampled plant.
     pub sampled: Sampled,
-    /// Poles without feedback, 1/s, slowest first: the sliding pair, the contact mode's
+    /// Poles without feedback, 1/s, slowest first: the tangential pair, the contact mode's
     /// pair, the link's further modes.
     pub open: Vec<Complex<f64>>,
     /// Control rate, Hz.
@@ -46,12 +47,12 @@ pub struct FrozenPoint {
 #[derive(Clone, Debug, PartialEq)]
 pub struct StabilityVerdict {
     /// Poles of the closed loop, 1/s (the logarithms of the sampled loop's eigenvalues
-    /// over the period), but for the sliding pair and for those that decay within a
+    /// over the period), but for the tangential pair and for those that decay within a
     /// tick; slowest first.
     pub poles: Vec<Complex<f64>>,
-    /// The sliding pair, 1/s.
-    pub sliding: [Complex<f64>; 2],
-    /// Largest magnitude of the eigenvalues from tick to tick, without the sliding pair
+    /// The tangential pair, 1/s.
+    pub tangential: [Complex<f64>; 2],
+    /// Largest magnitude of the eigenvalues from tick to tick, without the tangential pair
     /// while that is as it is without feedback.
     pub radius: f64,
     /// The pole of that eigenvalue, 1/s.
@@ -91,7 +92,7 @@ impl FrozenPoint {
 
     /// Frequency of the contact mode without feedback, rad/s.
     pub fn contact_frequency(&self) -> f64 {
-        self.open.get(2).map_or(0.0, |pole| pole.norm())
+        self.open.get(2).map_or(0.0, |pole| norm(*pole))
     }
 
     /// The closed loop with the gains of `law`, its torques acting `delay_ticks` late.
@@ -102,20 +103,20 @@ impl FrozenPoint {
         let mut poles: Vec<(Complex<f64>, f64)> = super::eigenvalues(matrix)
             .into_iter()
             // An eigenvalue of zero decays at once.
-            .filter(|z| !(z.norm() < 1e-9))
-            .map(|z| (z.ln() / period, z.norm()))
+            .filter(|z| !(norm(*z) < 1e-9))
+            .map(|z| (ln(z) / period, norm(z)))
             .collect();
-        // The sliding is the pole nearest to that without feedback. Where others come
+        // The tangential mode is the pole nearest to that without feedback. Where others come
         // near, as an integrator of its frequency does, it is the least damped of them.
         let mut taken = |near: Complex<f64>| {
-            let distance = |i: &usize| (poles[*i].0 - near).norm();
-            let close = (0..poles.len()).filter(|i| distance(i) < 0.5 * near.norm());
+            let distance = |i: &usize| norm(poles[*i].0 - near);
+            let close = (0..poles.len()).filter(|i| distance(i) < 0.5 * norm(near));
             let found = close
                 .max_by(|i, j| poles[*i].0.re.total_cmp(&poles[*j].0.re))
                 .or_else(|| (0..poles.len()).min_by(|i, j| distance(i).total_cmp(&distance(j))));
             found.map_or((near, f64::NAN), |i| poles.swap_remove(i))
         };
-        let sliding = [0, 1].map(|i| taken(self.open[i]));
+        let tangential = [0, 1].map(|i| taken(self.open[i]));
         let mut radius = 0.0;
         let mut worst = Complex::new(f64::NEG_INFINITY, 0.0);
         let mut consider = |pole: Complex<f64>, size: f64| {
@@ -126,22 +127,22 @@ impl FrozenPoint {
         };
         poles.iter().for_each(|(pole, size)| consider(*pole, *size));
         let freely = self.open[..2].iter().map(|p| p.re).fold(0.0, f64::max);
-        for (pole, size) in sliding {
-            if !(pole.re <= freely + sliding_allowance(plan)) {
+        for (pole, size) in tangential {
+            if !(pole.re <= freely + tangential_allowance(plan)) {
                 consider(pole, size);
             }
         }
         let contact = self.contact_frequency();
         let contact_damping = poles
             .iter()
-            .filter(|(p, _)| p.im > 0.0 && p.norm() > contact / 3.0 && p.norm() < 3.0 * contact)
-            .map(|(p, _)| -p.re / p.norm())
+            .filter(|(p, _)| p.im > 0.0 && norm(*p) > contact / 3.0 && norm(*p) < 3.0 * contact)
+            .map(|(p, _)| -p.re / norm(*p))
             .fold(1.0, f64::min);
         let mut poles: Vec<Complex<f64>> = poles.into_iter().map(|(pole, _)| pole).collect();
         super::linear::sort(&mut poles);
         StabilityVerdict {
             poles,
-            sliding: sliding.map(|(pole, _)| pole),
+            tangential: tangential.map(|(pole, _)| pole),
             radius,
             worst,
             contact_damping,
@@ -171,7 +172,7 @@ impl FrozenPoint {
         step: f64,
         most: f64,
     ) -> f64 {
-        let stable = |db: f64| self.is_stable(plan, law, 10f64.powf(db / 20.0), 0.0);
+        let stable = |db: f64| self.is_stable(plan, law, libm::pow(10.0, db / 20.0), 0.0);
         let (step, end) = if up {
             (step, most)
         } else {
@@ -215,10 +216,10 @@ impl FrozenPoint {
     }
 }
 
-/// How much faster than without feedback the sliding may grow, 1/s: e-fold within the
+/// How much faster than without feedback the tangential mode may grow, 1/s: e-fold within the
 /// motion. It is not controlled by eq. 18-20 at all; frozen at a point of a motion that
 /// brakes or speeds up it may grow or decay without being unstable.
-pub fn sliding_allowance(plan: &Plan) -> f64 {
+pub fn tangential_allowance(plan: &Plan) -> f64 {
     1.0 / plan.task.path.duration
 }
 
@@ -235,119 +236,6 @@ fn bisect(mut inside: f64, mut outside: f64, tolerance: f64, holds: impl Fn(f64)
     inside
 }
 
-/// Plants to examine: all combinations of the values.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Spread {
-    /// Factors on link 2's bending stiffness.
-    pub bending_stiffness_scale: Vec<f64>,
-    /// Factors on link 2's mass.
-    pub link2_mass_scale: Vec<f64>,
-    /// Inertias added to the root's, kg m^2.
-    pub added_root_inertia_kgm2: Vec<f64>,
-    /// Turns of the surface's normal, rad.
-    pub contact_angle_rad: Vec<f64>,
-    /// Control rates, Hz; empty for the plan's.
-    pub tick_rate_hz: Vec<u32>,
-    /// Elements of link 2; empty for the plant's own.
-    pub elements: Vec<usize>,
-}
-
-impl Spread {
-    /// No spread: a plant as it is.
-    pub fn none() -> Self {
-        Self {
-            bending_stiffness_scale: vec![1.0],
-            link2_mass_scale: vec![1.0],
-            added_root_inertia_kgm2: vec![0.0],
-            contact_angle_rad: vec![0.0],
-            tick_rate_hz: vec![],
-            elements: vec![],
-        }
-    }
-
-    /// Number of combinations.
-    pub fn plants(&self) -> usize {
-        let lists = [
-            self.bending_stiffness_scale.len(),
-            self.link2_mass_scale.len(),
-            self.added_root_inertia_kgm2.len(),
-            self.contact_angle_rad.len(),
-            self.tick_rate_hz.len().max(1),
-            self.elements.len().max(1),
-        ];
-        lists.into_iter().fold(1, usize::saturating_mul)
-    }
-
-    /// Every combination around `plant`, with a name.
-    ///
-    /// # Errors
-    /// [`StabilityError::Model`].
-    pub fn variants(
-        &self,
-        plan: &Plan,
-        plant: &PlantParameters,
-    ) -> Result<Vec<(String, PlantVariant)>, StabilityError> {
-        let or = |values: &[u32], own: u32| {
-            if values.is_empty() {
-                vec![own]
-            } else {
-                values.to_vec()
-            }
-        };
-        let rates = or(&self.tick_rate_hz, plan.tick_rate_hz);
-        let meshes = if self.elements.is_empty() {
-            vec![plant.elements]
-        } else {
-            self.elements.clone()
-        };
-        let root = plant
-            .root_inertia_kgm2
-            .unwrap_or(plan.model.arm.root_inertia_kgm2);
-        let mut variants = vec![];
-        for &stiffness in &self.bending_stiffness_scale {
-            for &mass in &self.link2_mass_scale {
-                for &inertia in &self.added_root_inertia_kgm2 {
-                    for &angle in &self.contact_angle_rad {
-                        for &elements in &meshes {
-                            let parameters = PlantParameters {
-                                elements,
-                                bending_stiffness_scale: plant.bending_stiffness_scale * stiffness,
-                                link2_mass_scale: plant.link2_mass_scale * mass,
-                                root_inertia_kgm2: Some(root + inertia),
-                                ..*plant
-                            };
-                            let variant = PlantVariant::new(plan, &parameters, angle)?;
-                            for &rate in &rates {
-                                let mut name = format!(
-                                    "stiffness x {}, mass x {}, root + {} kg m2",
-                                    Shortest(stiffness),
-                                    Shortest(mass),
-                                    Shortest(inertia)
-                                );
-                                if self.contact_angle_rad.len() > 1 {
-                                    name += &format!(", contact turned by {} rad", Shortest(angle));
-                                }
-                                if meshes.len() > 1 {
-                                    name += &format!(", {elements} elements");
-                                }
-                                if rates.len() > 1 {
-                                    name += &format!(", {rate} Hz");
-                                }
-                                let variant = PlantVariant {
-                                    tick_rate_hz: rate,
-                                    ..variant.clone()
-                                };
-                                variants.push((name, variant));
-                            }
-                        }
-                    }
-                }
-            }
-        }
-        Ok(variants)
-    }
-}
-
 /// Times at which a plan's loop is frozen: `points` (2 or more) evenly spaced ones, its
 /// ends among them, s.
 pub fn times(plan: &Plan, points: usize) -> Vec<f64> {
@@ -362,7 +250,7 @@ pub fn times(plan: &Plan, points: usize) -> Vec<f64> {
 ///
 /// # Errors
 /// [`StabilityError`].
-pub fn spots(
+pub fn frozen_points(
     plan: &Plan,
     variant: &PlantVariant,
     times: &[f64],
@@ -410,12 +298,12 @@ pub struct Summary {
     pub gain_margin_t_s: f64,
     /// Least delay margin.
     pub delay_margin_ticks: f64,
-    /// Fastest growth of the sliding pair, 1/s.
-    pub sliding_growth_max_per_s: f64,
+    /// Fastest growth of the tangential pair, 1/s.
+    pub tangential_growth_max_per_s: f64,
 }
 
 impl Summary {
-    fn new(name: &str, spots: &[FrozenPoint], points: &[PathPoint]) -> Option<Self> {
+    fn new(name: &str, frozen_points: &[FrozenPoint], points: &[PathPoint]) -> Option<Self> {
         let worst = (0..points.len()).max_by(|i, j| {
             points[*i]
                 .verdict
@@ -434,38 +322,38 @@ impl Summary {
             spectral_radius_max: verdict.radius,
             worst_t_s: points[worst].t,
             worst_pole: verdict.worst,
-            worst_mode: describe(verdict.worst, &spots[worst]),
+            worst_mode: describe(verdict.worst, &frozen_points[worst]),
             contact_damping_min: least(&|p| p.verdict.contact_damping),
             gain_margin_db: tightest.gain_margin_db,
             gain_margin_t_s: tightest.t,
             delay_margin_ticks: least(&|p| p.delay_margin_ticks),
-            sliding_growth_max_per_s: -least(&|p| {
-                -p.verdict.sliding[0].re.max(p.verdict.sliding[1].re)
+            tangential_growth_max_per_s: -least(&|p| {
+                -p.verdict.tangential[0].re.max(p.verdict.tangential[1].re)
             }),
         })
     }
 }
 
-/// What a pole, 1/s, of the closed loop at `spot` is, in words.
-pub fn describe(pole: Complex<f64>, spot: &FrozenPoint) -> String {
+/// What a pole, 1/s, of the closed loop at `frozen` is, in words.
+pub fn describe(pole: Complex<f64>, frozen: &FrozenPoint) -> String {
     let hertz = pole.im.abs() / core::f64::consts::TAU;
-    let nyquist = 0.5 / spot.sampled.period;
-    let contact = spot.contact_frequency();
-    let sliding = spot.open[..2]
+    let nyquist = 0.5 / frozen.sampled.period;
+    let contact = frozen.contact_frequency();
+    let tangential = frozen.open[..2]
         .iter()
-        .any(|p| (p - pole).norm() < 0.1 * (1.0 + p.norm()));
-    let name = if sliding {
-        "the sliding along the surface".to_string()
+        .any(|p| norm(p - pole) < 0.1 * (1.0 + norm(*p)));
+    let name = if tangential {
+        "the tangential mode".to_string()
     } else if hertz > 0.9 * nyquist {
         "the link's root alternating from tick to tick".to_string()
-    } else if pole.im == 0.0 && pole.norm() < 3.0 * contact {
+    } else if pole.im == 0.0 && norm(pole) < 3.0 * contact {
         "the force integrator".to_string()
-    } else if pole.norm() < 0.5 * contact {
+    } else if norm(pole) < 0.5 * contact {
         "the force integrator against the link".to_string()
     } else {
-        let pairs = spot.open.iter().enumerate().skip(2);
+        let pairs = frozen.open.iter().enumerate().skip(2);
         let nearest = pairs.filter(|(_, p)| p.im >= 0.0).min_by(|(_, a), (_, b)| {
-            let ratio = |p: &Complex<f64>| (p.norm() / pole.norm()).ln().abs();
+            let ratio = |p: &Complex<f64>| libm::log(norm(*p) / norm(pole)).abs();
             ratio(a).total_cmp(&ratio(b))
         });
         match nearest {
@@ -493,22 +381,22 @@ pub fn examine(
     times: &[f64],
     progress: &(dyn Fn() + Sync),
 ) -> Result<(Summary, Vec<PathPoint>), StabilityError> {
-    let spots = spots(plan, variant, times)?;
-    let points: Vec<PathPoint> = spots
+    let frozen_points = frozen_points(plan, variant, times)?;
+    let points: Vec<PathPoint> = frozen_points
         .par_iter()
-        .map(|spot| {
+        .map(|frozen| {
             let step = GAIN_STEPS_DB[0];
             let point = PathPoint {
-                t: spot.t,
-                verdict: spot.verdict(plan, law, 0.0),
-                gain_margin_db: spot.gain_margin_db(plan, law, step, GAIN_MARGIN_MAX_DB),
-                delay_margin_ticks: spot.delay_margin_ticks(plan, law, DELAY_MARGIN_MAX_TICKS),
+                t: frozen.t,
+                verdict: frozen.verdict(plan, law, 0.0),
+                gain_margin_db: frozen.gain_margin_db(plan, law, step, GAIN_MARGIN_MAX_DB),
+                delay_margin_ticks: frozen.delay_margin_ticks(plan, law, DELAY_MARGIN_MAX_TICKS),
             };
             progress();
             point
         })
         .collect();
-    let summary = Summary::new(name, &spots, &points).ok_or(StabilityError::NoPoints)?;
+    let summary = Summary::new(name, &frozen_points, &points).ok_or(StabilityError::NoPoints)?;
     Ok((summary, points))
 }
 
@@ -526,32 +414,32 @@ pub fn examine_least(
     times: &[f64],
     progress: &(dyn Fn() + Sync),
 ) -> Result<Summary, StabilityError> {
-    let spots = spots(plan, variant, times)?;
+    let frozen_points = frozen_points(plan, variant, times)?;
     let (mut gain, mut delay) = (GAIN_MARGIN_MAX_DB, DELAY_MARGIN_MAX_TICKS);
-    let points: Vec<PathPoint> = spots
+    let points: Vec<PathPoint> = frozen_points
         .iter()
-        .map(|spot| {
-            let verdict = spot.verdict(plan, law, 0.0);
+        .map(|frozen| {
+            let verdict = frozen.verdict(plan, law, 0.0);
             // Where the loop is unstable as it is, both are looked for downwards.
             let stable = verdict.is_stable();
             if !stable || gain > 0.0 {
                 let step = GAIN_STEPS_DB[1];
-                gain = gain.min(spot.gain_margin_from(plan, law, stable, step, gain.max(0.0)));
+                gain = gain.min(frozen.gain_margin_from(plan, law, stable, step, gain.max(0.0)));
             }
-            let holds = delay > 0.0 && stable && spot.is_stable(plan, law, 1.0, delay);
+            let holds = delay > 0.0 && stable && frozen.is_stable(plan, law, 1.0, delay);
             if !holds {
-                delay = spot.delay_margin_ticks(plan, law, delay);
+                delay = frozen.delay_margin_ticks(plan, law, delay);
             }
             progress();
             PathPoint {
-                t: spot.t,
+                t: frozen.t,
                 verdict,
                 gain_margin_db: gain,
                 delay_margin_ticks: delay,
             }
         })
         .collect();
-    Summary::new(name, &spots, &points).ok_or(StabilityError::NoPoints)
+    Summary::new(name, &frozen_points, &points).ok_or(StabilityError::NoPoints)
 }
 
 /// As [`examine`], without margins: they come out infinite.
@@ -565,17 +453,17 @@ pub fn quick_check(
     law: &LawParameters,
     times: &[f64],
 ) -> Result<Summary, StabilityError> {
-    let spots = spots(plan, variant, times)?;
-    let points: Vec<PathPoint> = spots
+    let frozen_points = frozen_points(plan, variant, times)?;
+    let points: Vec<PathPoint> = frozen_points
         .par_iter()
-        .map(|spot| PathPoint {
-            t: spot.t,
-            verdict: spot.verdict(plan, law, 0.0),
+        .map(|frozen| PathPoint {
+            t: frozen.t,
+            verdict: frozen.verdict(plan, law, 0.0),
             gain_margin_db: f64::INFINITY,
             delay_margin_ticks: f64::INFINITY,
         })
         .collect();
-    Summary::new(name, &spots, &points).ok_or(StabilityError::NoPoints)
+    Summary::new(name, &frozen_points, &points).ok_or(StabilityError::NoPoints)
 }
 
 /// Stability over the path: the planned arm with everything, other plants in short.
@@ -605,10 +493,10 @@ impl Report {
     ) -> Result<Self, StabilityError> {
         super::check(law)?;
         let times = times(plan, points);
-        let variant = PlantVariant::new(plan, plant, 0.0)?;
+        let variant = PlantVariant::new(&plan.model.arm, plan.tick_rate_hz, plant, 0.0)?;
         let (nominal, points) = examine(plan, "as planned", &variant, law, &times, progress)?;
         let spread = spread
-            .variants(plan, plant)?
+            .variants(&plan.model.arm, plan.tick_rate_hz, plant)?
             .par_iter()
             .map(|(name, variant)| examine_least(plan, name, variant, law, &times, progress))
             .collect::<Result<_, _>>()?;

@@ -4,7 +4,7 @@
 //! What the print leaves out or gets wrong, line by line:
 //!
 //! - the joint angles' deviations. The angles are held at their planned values, so the
-//!   sliding is missing, and the link's modes are those of a link whose chord stands
+//!   tangential mode is missing, and the link's modes are those of a link whose chord stands
 //!   still;
 //! - with the angles gone there are as many equations as before and fewer unknowns, and
 //!   `e_f` and its integral count as independent of each other (no row says that one is
@@ -19,7 +19,9 @@
 //! So its eigenvalues say little about the loop: with the demo's gains, stable in every
 //! simulation, they have pairs that grow (docs/gains.md). They are here to show that.
 
-use super::linear::{OperatingPoint, PlantVariant};
+use super::complex::norm;
+use super::linear::OperatingPoint;
+use crate::plant::spread::PlantVariant;
 use flexor::control::{ForceProjection, LawParameters};
 use nalgebra::{Complex, DMatrix};
 
@@ -48,15 +50,15 @@ impl Printed {
         let n = model.dof();
         let (r1, r2) = (model.arm.link1_length_m, model.arm.link2_length_m);
         let lever = [
-            r1 * (normal_angle - angle[0]).sin(),
-            r2 * (normal_angle - angle[1]).sin(),
+            r1 * libm::sin(normal_angle - angle[0]),
+            r2 * libm::sin(normal_angle - angle[1]),
         ];
         let s1 = lever[0] + lever[1];
         let s2 = match law.force_projection {
             ForceProjection::JacobianTranspose => lever[1],
             ForceProjection::AsPrinted => lever[0],
         };
-        let elbow = angle[1] - angle[0];
+        let (sin_elbow, cos_elbow) = libm::sincos(angle[1] - angle[0]);
         let omega = rate[1];
         let (kd, kp, ki) = (
             law.force_derivative_s,
@@ -80,10 +82,10 @@ impl Printed {
             h2[(i, 2 * n + 1)] = c * slope[i];
             h1[(n + i, n + i)] = 1.0;
             h2[(n + i, i)] = -1.0;
-            h1[(2 * n, i)] = second[i] + r1 * elbow.cos() * first[i];
-            h1[(2 * n, n + i)] = -2.0 * r1 * omega * elbow.sin() * first[i];
+            h1[(2 * n, i)] = second[i] + r1 * cos_elbow * first[i];
+            h1[(2 * n, n + i)] = -2.0 * r1 * omega * sin_elbow * first[i];
             h2[(2 * n, n + i)] =
-                -(r1 * elbow.sin() * omega * first[i] + r1 * omega * omega * second[i]);
+                -(r1 * sin_elbow * omega * first[i] + r1 * omega * omega * second[i]);
             h1[(2 * n + 1, i)] = second[i];
             h2[(2 * n + 1, n + i)] = omega * second[i];
         }
@@ -150,7 +152,7 @@ impl Printed {
         let mut poles: Vec<Complex<f64>> = super::eigenvalues(matrix)
             .into_iter()
             // Rounding makes something of the infinite ones.
-            .filter(|u| u.norm() > 1e-9 && u.norm().is_finite())
+            .filter(|u| norm(*u) > 1e-9 && norm(*u).is_finite())
             .map(|u| -u.inv() + shift)
             .collect();
         super::linear::sort(&mut poles);

@@ -18,8 +18,9 @@
 //! [`flexor::control::Law::update`] itself, which is affine in what it remembers and
 //! measures, evaluated on basis vectors.
 
-use super::linear::{FORCE, Linear, PlantVariant, SLOPE_RATE};
+use super::linear::{FORCE, Linear, SLOPE_RATE};
 use crate::planner::plan::Plan;
+use crate::plant::spread::PlantVariant;
 use flexor::control::{Law, LawParameters, LawState};
 use flexor::signals::{Measurement, Saturation, SaturationCounts, Setpoint};
 use nalgebra::DMatrix;
@@ -249,8 +250,7 @@ impl Sampled {
 
     /// Matrix that takes the closed loop from tick to tick, its torques acting
     /// `delay_ticks` later than in the simulation. State: the plant's, with velocities
-    /// scaled; the torques of the last ticks, newest
-    /// first; the law's memory, without the integral where that does not act.
+    /// scaled; the torques of the last ticks, newest first; the law's memory, without the integral where that does not act.
     pub fn closed_loop(&self, law: &LinearLaw, delay_ticks: f64) -> DMatrix<f64> {
         let whole = delay_ticks.max(0.0).floor();
         let part = delay_ticks.max(0.0) - whole;
@@ -271,25 +271,8 @@ impl Sampled {
         let mut matrix = DMatrix::zeros(size, size);
         matrix.view_mut((0, 0), (n, n)).copy_from(&hold.phi);
 
-        // The measurement as rows over the state, then the torques u_k.
         let held = torques + 2 * whole;
-        let mut measured = [vec![0.0; size], vec![0.0; size]];
-        for v in 0..2 {
-            measured[v][..n].copy_from_slice(&self.measure[v]);
-            measured[v][held] = self.feed[v][0];
-            measured[v][held + 1] = self.feed[v][1];
-        }
-        let mut command = [vec![0.0; size], vec![0.0; size]];
-        for (i, command) in command.iter_mut().enumerate() {
-            for v in 0..2 {
-                for (c, m) in command.iter_mut().zip(&measured[v]) {
-                    *c += law.d[i][v] * m;
-                }
-            }
-            for (at, j) in kept.iter().enumerate() {
-                command[memory + at] += law.c[i][*j];
-            }
-        }
+        let (measured, command) = self.rows(law, kept, held, size);
         for (row, i) in kept.iter().enumerate() {
             for column in 0..size {
                 matrix[(memory + row, column)] =
@@ -323,6 +306,37 @@ impl Sampled {
         }
         matrix
     }
+
+    /// The measurement (force, slope rate) and the torques u_k as rows over the closed loop's
+    /// state of `size` numbers, in which the torques that are held are at `held` and the
+    /// law's memory, of which `kept` is there, is last.
+    fn rows(
+        &self,
+        law: &LinearLaw,
+        kept: &[usize],
+        held: usize,
+        size: usize,
+    ) -> ([Vec<f64>; 2], [Vec<f64>; 2]) {
+        let (n, memory) = (self.states(), size - kept.len());
+        let mut measured = [vec![0.0; size], vec![0.0; size]];
+        for v in 0..2 {
+            measured[v][..n].copy_from_slice(&self.measure[v]);
+            measured[v][held] = self.feed[v][0];
+            measured[v][held + 1] = self.feed[v][1];
+        }
+        let mut command = [vec![0.0; size], vec![0.0; size]];
+        for (i, command) in command.iter_mut().enumerate() {
+            for v in 0..2 {
+                for (c, m) in command.iter_mut().zip(&measured[v]) {
+                    *c += law.d[i][v] * m;
+                }
+            }
+            for (at, j) in kept.iter().enumerate() {
+                command[memory + at] += law.c[i][*j];
+            }
+        }
+        (measured, command)
+    }
 }
 
 /// `exp` of `[[a, b], [0, 0]] times`: state to state and torque to state.
@@ -346,8 +360,8 @@ fn exp(matrix: DMatrix<f64>) -> DMatrix<f64> {
         .column_iter()
         .map(|column| column.iter().map(|x| x.abs()).sum())
         .fold(0.0, f64::max);
-    let halvings = (norm / 0.5).log2().ceil().max(0.0);
-    let first = matrix * (-halvings).exp2();
+    let halvings = libm::log2(norm / 0.5).ceil().max(0.0);
+    let first = matrix * libm::exp2(-halvings);
     let second = &first * &first;
     let third = &second * &first;
     let fourth = &second * &second;

@@ -21,16 +21,18 @@
 //! point for every plant before they are returned.
 
 use super::StabilityError;
-use super::linear::{self, FORCE, Linear, OUTPUTS, OperatingPoint, PlantVariant, SLOPE_RATE};
+use super::linear::{self, FORCE, Linear, OUTPUTS, OperatingPoint, SLOPE_RATE};
 use super::map::GainId;
-use super::path::{self, FrozenPoint, Report, Spread};
+use super::path::{self, FrozenPoint, Report};
 use super::sampled::{LinearLaw, Sampled, with_gains_times};
 use crate::model::arm_model::ELEMENTS_MAX;
 use crate::model::dynamics;
 use crate::planner::plan::Plan;
 use crate::plant::PlantParameters;
+use crate::plant::spread::{PlantVariant, Spread};
 use argmin::core::{CostFunction, Executor};
 use argmin::solver::particleswarm::ParticleSwarm;
+use core::f64::consts::LN_2;
 use flexor::control::LawParameters;
 use nalgebra::DMatrix;
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -144,7 +146,7 @@ impl Prediction {
     /// # Errors
     /// [`StabilityError`].
     pub fn new(plan: &Plan, name: &str, variant: &PlantVariant) -> Result<Self, StabilityError> {
-        let planned = PlantVariant::planned(plan)?;
+        let planned = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
         let all = plan.ticks as usize;
         let ticks = (all.div_ceil(SEGMENTS)).next_multiple_of(STRIDE);
         let count = all.div_ceil(ticks).max(1);
@@ -263,19 +265,19 @@ fn mismatch(
         Ok::<_, StabilityError>((rate, output))
     };
     let (model, from) = (&variant.model, &planned.model);
-    let adopt = |planned: &[f64]| {
+    let project = |planned: &[f64]| {
         let m = planned.len() / 2;
-        let mut adopted = vec![planned[0]];
-        adopted.extend(model.adopt(from, &planned[1..m]));
-        adopted.push(planned[m]);
-        adopted.extend(model.adopt(from, &planned[m + 1..]));
-        adopted
+        let mut projected = vec![planned[0]];
+        projected.extend(model.project_shape_from(from, &planned[1..m]));
+        projected.push(planned[m]);
+        projected.extend(model.project_shape_from(from, &planned[m + 1..]));
+        projected
     };
     let (rate, output) = evaluate(planned, &point.state)?;
-    let (own_rate, own_output) = evaluate(variant, &adopt(&point.state))?;
+    let (own_rate, own_output) = evaluate(variant, &project(&point.state))?;
     let left = own_rate
         .iter()
-        .zip(adopt(&rate))
+        .zip(project(&rate))
         .map(|(own, planned)| own - planned)
         .collect();
     let difference = [FORCE, SLOPE_RATE].map(|i| own_output[i] - output[i]);
@@ -292,8 +294,8 @@ fn starts(plan: &Plan, variant: &PlantVariant) -> Result<[Vec<f64>; 2], Stabilit
     let geometric = variant.parameters.geometric_stiffness;
     let (rest, _) = dynamics::equilibrium(model, point.joint.angle, plan.force(), geometric)
         .ok_or(StabilityError::Buckled { t_s: t })?;
-    let q = model.adopt(&plan.model, sampler.q());
-    let rate = model.adopt(&plan.model, sampler.q_rate());
+    let q = model.project_shape_from(&plan.model, sampler.q());
+    let rate = model.project_shape_from(&plan.model, sampler.q_rate());
     let (n, m) = (q.len(), 1 + q.len());
     let mut still = vec![0.0; 2 * m];
     for i in 0..n {
@@ -306,9 +308,9 @@ fn starts(plan: &Plan, variant: &PlantVariant) -> Result<[Vec<f64>; 2], Stabilit
     Ok([own, still])
 }
 
-/// Spots of the path with the conditions that a loop must meet there.
+/// Points of the path with the conditions that a loop must meet there.
 struct Condition {
-    spots: Vec<FrozenPoint>,
+    frozen_points: Vec<FrozenPoint>,
     /// Factors on the gains and delays, ticks.
     at: Vec<(f64, f64)>,
 }
@@ -354,8 +356,8 @@ impl Bounds {
             ),
         ];
         Self {
-            low: ranges.iter().map(|(low, _)| low.ln()).collect(),
-            high: ranges.iter().map(|(_, high)| high.ln()).collect(),
+            low: ranges.iter().map(|(low, _)| libm::log(*low)).collect(),
+            high: ranges.iter().map(|(_, high)| libm::log(*high)).collect(),
         }
     }
 
@@ -366,7 +368,7 @@ impl Bounds {
             if i < 4 && share < LEAST {
                 0.0
             } else {
-                two_digits(place[i].exp())
+                two_digits(libm::exp(place[i]))
             }
         };
         LawParameters {
@@ -393,11 +395,12 @@ impl Search<'_> {
     fn violation(&self, law: &LawParameters) -> Option<f64> {
         for condition in &self.conditions {
             let mut worst: Option<f64> = None;
-            for spot in &condition.spots {
+            for frozen in &condition.frozen_points {
                 for (factor, delay) in &condition.at {
-                    let verdict = spot.verdict(self.plan, &with_gains_times(law, *factor), *delay);
+                    let verdict =
+                        frozen.verdict(self.plan, &with_gains_times(law, *factor), *delay);
                     if !verdict.is_stable() {
-                        let growth = verdict.radius.ln() / spot.sampled.period;
+                        let growth = libm::log(verdict.radius) / frozen.sampled.period;
                         let growth = if growth.is_finite() { growth } else { 1e6 };
                         worst = Some(worst.map_or(growth, |w: f64| w.max(growth)));
                     }
@@ -443,7 +446,8 @@ impl Search<'_> {
                 terms += START_WEIGHTS[start];
             }
             let tip = errors.tip_rms_m[0] / (prediction.open.tip_rms_m[0] + 1e-6);
-            sum += 10.0 * (tip / TIP_LIMIT - 1.0).max(0.0).powi(2);
+            let off = (tip / TIP_LIMIT - 1.0).max(0.0);
+            sum += 10.0 * (off * off);
         }
         let cost = (sum / terms).sqrt();
         if cost.is_finite() { cost } else { 1e9 }
@@ -480,108 +484,127 @@ pub fn effort(options: &TuneOptions) -> u64 {
         + Report::effort(&options.spread, options.points)
 }
 
-/// Finds gains for `plan`; `progress` is called [`effort`] times.
-///
-/// # Errors
-/// [`StabilityError::NotTuned`] if none were found, and what examining plants gives.
-pub fn tune(
-    plan: &Plan,
-    options: &TuneOptions,
-    progress: &(dyn Fn() + Sync),
-) -> Result<Tuned, StabilityError> {
-    // A hair more than asked for, as the conditions are tried at fewer points.
-    let gain = 10f64.powf((options.gain_margin_db + 0.1) / 20.0);
-    let delay = options.delay_margin_ticks + 0.02;
-    let spread = &options.spread;
-    let corners = Spread {
-        bending_stiffness_scale: ends(&spread.bending_stiffness_scale),
-        link2_mass_scale: ends(&spread.link2_mass_scale),
-        added_root_inertia_kgm2: ends(&spread.added_root_inertia_kgm2),
-        contact_angle_rad: ends(&spread.contact_angle_rad),
-        tick_rate_hz: ends(&spread.tick_rate_hz),
-        elements: spread.elements.clone(),
-    };
-    let predicted = Spread {
-        link2_mass_scale: spread.link2_mass_scale.clone(),
-        added_root_inertia_kgm2: corners.added_root_inertia_kgm2[..1].to_vec(),
-        contact_angle_rad: vec![0.0],
-        tick_rate_hz: vec![],
-        elements: vec![],
-        ..corners.clone()
-    };
-    let fine = Spread {
-        link2_mass_scale: vec![1.0],
-        elements: vec![(2 * options.plant.elements + 2).min(ELEMENTS_MAX)],
-        ..corners.clone()
-    };
-    let condition = |(_, variant): &(String, PlantVariant), points, at: &[(f64, f64)]| {
-        Ok::<_, StabilityError>(Condition {
-            spots: path::spots(plan, variant, &path::times(plan, points))?,
-            at: at.to_vec(),
+/// The plants that a search looks at.
+struct Plants {
+    /// The plant in the middle and the spread's corners.
+    corners: Vec<(String, PlantVariant)>,
+    /// Those with a finer mesh.
+    fine: Vec<(String, PlantVariant)>,
+    /// Those whose force error is predicted.
+    predicted: Vec<(String, PlantVariant)>,
+}
+
+impl Plants {
+    fn new(plan: &Plan, options: &TuneOptions) -> Result<Self, StabilityError> {
+        let spread = &options.spread;
+        let corners = Spread {
+            bending_stiffness_scale: ends(&spread.bending_stiffness_scale),
+            link2_mass_scale: ends(&spread.link2_mass_scale),
+            added_root_inertia_kgm2: ends(&spread.added_root_inertia_kgm2),
+            contact_angle_rad: ends(&spread.contact_angle_rad),
+            tick_rate_hz: ends(&spread.tick_rate_hz),
+            elements: spread.elements.clone(),
+        };
+        let predicted = Spread {
+            link2_mass_scale: spread.link2_mass_scale.clone(),
+            added_root_inertia_kgm2: corners.added_root_inertia_kgm2[..1].to_vec(),
+            contact_angle_rad: vec![0.0],
+            tick_rate_hz: vec![],
+            elements: vec![],
+            ..corners.clone()
+        };
+        let fine = Spread {
+            link2_mass_scale: vec![1.0],
+            elements: vec![(2 * options.plant.elements + 2).min(ELEMENTS_MAX)],
+            ..corners.clone()
+        };
+        let variants =
+            |spread: &Spread| spread.variants(&plan.model.arm, plan.tick_rate_hz, &options.plant);
+        Ok(Self {
+            corners: [variants(&Spread::none())?, variants(&corners)?].concat(),
+            fine: variants(&fine)?,
+            predicted: variants(&predicted)?,
         })
-    };
-    let mut conditions = vec![];
-    let centre = Spread::none().variants(plan, &options.plant)?;
-    for variant in centre
-        .iter()
-        .chain(&corners.variants(plan, &options.plant)?)
-    {
-        conditions.push(condition(
-            variant,
-            9,
-            &[(1.0, 0.0), (gain, 0.0), (1.0, delay)],
-        )?);
     }
-    for variant in &fine.variants(plan, &options.plant)? {
-        conditions.push(condition(variant, 3, &[(FINE_FACTOR, 0.0)])?);
+}
+
+impl<'a> Search<'a> {
+    fn new(
+        plan: &'a Plan,
+        options: &'a TuneOptions,
+        progress: &'a (dyn Fn() + Sync),
+    ) -> Result<Self, StabilityError> {
+        // A hair more than asked for, as the conditions are tried at fewer points.
+        let gain = libm::pow(10.0, (options.gain_margin_db + 0.1) / 20.0);
+        let delay = options.delay_margin_ticks + 0.02;
+        let plants = Plants::new(plan, options)?;
+        let condition = |(_, variant): &(String, PlantVariant), points, at: &[(f64, f64)]| {
+            Ok::<_, StabilityError>(Condition {
+                frozen_points: path::frozen_points(plan, variant, &path::times(plan, points))?,
+                at: at.to_vec(),
+            })
+        };
+        let mut conditions = vec![];
+        for variant in &plants.corners {
+            let at = [(1.0, 0.0), (gain, 0.0), (1.0, delay)];
+            conditions.push(condition(variant, 9, &at)?);
+        }
+        for variant in &plants.fine {
+            conditions.push(condition(variant, 3, &[(FINE_FACTOR, 0.0)])?);
+        }
+        let predictions = plants
+            .predicted
+            .par_iter()
+            .map(|(name, variant)| Prediction::new(plan, name, variant))
+            .collect::<Result<Vec<_>, _>>()?;
+        let contact = conditions
+            .first()
+            .and_then(|c| c.frozen_points.first())
+            .map_or(1.0, FrozenPoint::contact_frequency);
+        Ok(Self {
+            plan,
+            options,
+            bounds: Bounds::new(plan, contact),
+            predictions,
+            conditions,
+            progress,
+            tried: 0.into(),
+        })
     }
-    let predictions = predicted
-        .variants(plan, &options.plant)?
-        .par_iter()
-        .map(|(name, variant)| Prediction::new(plan, name, variant))
-        .collect::<Result<Vec<_>, _>>()?;
-    let contact = conditions
-        .first()
-        .and_then(|c| c.spots.first())
-        .map_or(1.0, FrozenPoint::contact_frequency);
-    let search = Search {
-        plan,
-        options,
-        bounds: Bounds::new(plan, contact),
-        predictions,
-        conditions,
-        progress,
-        tried: 0.into(),
-    };
-    let failed = |error: argmin::core::Error| StabilityError::Optimiser(error.to_string());
-    let swarm = ParticleSwarm::new(
-        (search.bounds.low.clone(), search.bounds.high.clone()),
-        options.particles,
-    )
-    .with_rng_generator(Xoshiro256PlusPlus::seed_from_u64(options.seed));
-    let result = Executor::new(search, swarm)
-        .configure(|state| state.max_iters(options.iterations))
-        .ctrlc(false)
-        .run()
-        .map_err(failed)?;
-    let argmin::core::OptimizationResult {
-        problem, mut state, ..
-    } = result;
-    let search = problem
-        .problem
-        .ok_or_else(|| StabilityError::Optimiser("lost its problem".into()))?;
-    let best = state
-        .take_best_individual()
-        .ok_or_else(|| StabilityError::Optimiser("has no result".into()))?;
-    let law = search.simplified(search.bounds.law(&options.law, &best.position));
-    let report = Report::new(
-        plan,
-        &options.plant,
-        spread,
-        &law,
-        options.points,
-        search.progress,
-    )?;
+
+    /// Lets the swarm fly; the search itself and the best law found.
+    fn fly(self) -> Result<(Self, LawParameters), StabilityError> {
+        let options = self.options;
+        let failed = |error: argmin::core::Error| StabilityError::Optimiser(error.to_string());
+        let bounds = (self.bounds.low.clone(), self.bounds.high.clone());
+        // The usual factors, which the library derives from the platform's logarithm.
+        let swarm = ParticleSwarm::new(bounds, options.particles)
+            .with_inertia_factor(1.0 / (2.0 * LN_2))
+            .and_then(|swarm| swarm.with_cognitive_factor(0.5 + LN_2))
+            .and_then(|swarm| swarm.with_social_factor(0.5 + LN_2))
+            .map_err(failed)?
+            .with_rng_generator(Xoshiro256PlusPlus::seed_from_u64(options.seed));
+        let result = Executor::new(self, swarm)
+            .configure(|state| state.max_iters(options.iterations))
+            .ctrlc(false)
+            .run()
+            .map_err(failed)?;
+        let argmin::core::OptimizationResult {
+            problem, mut state, ..
+        } = result;
+        let search = problem
+            .problem
+            .ok_or_else(|| StabilityError::Optimiser("lost its problem".into()))?;
+        let best = state
+            .take_best_individual()
+            .ok_or_else(|| StabilityError::Optimiser("has no result".into()))?;
+        let law = search.simplified(search.bounds.law(&options.law, &best.position));
+        Ok((search, law))
+    }
+}
+
+/// Refuses a law whose `report` does not keep the margins asked for.
+fn check_margins(report: &Report, options: &TuneOptions) -> Result<(), StabilityError> {
     let everything = || std::iter::once(&report.nominal).chain(&report.spread);
     let short = everything().find(|s| {
         !(s.stable
@@ -598,6 +621,28 @@ pub fn tune(
             ),
         });
     }
+    Ok(())
+}
+
+/// Finds gains for `plan`; `progress` is called [`effort`] times.
+///
+/// # Errors
+/// [`StabilityError::NotTuned`] if none were found, and what examining plants gives.
+pub fn tune(
+    plan: &Plan,
+    options: &TuneOptions,
+    progress: &(dyn Fn() + Sync),
+) -> Result<Tuned, StabilityError> {
+    let (search, law) = Search::new(plan, options, progress)?.fly()?;
+    let report = Report::new(
+        plan,
+        &options.plant,
+        &options.spread,
+        &law,
+        options.points,
+        search.progress,
+    )?;
+    check_margins(&report, options)?;
     Ok(Tuned {
         cost: search.cost(&law),
         predictions: search

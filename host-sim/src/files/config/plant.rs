@@ -1,7 +1,8 @@
 //! A plant file: how the simulated arm differs from the planned one.
 
 use super::{Check, ConfigError, optional_pair, parse};
-use crate::plant::{PlantParameters, Start};
+use crate::plant::PlantParameters;
+use crate::simulation::start::Start;
 use serde::Deserialize;
 
 #[derive(Deserialize)]

@@ -1,7 +1,7 @@
 //! A spread file: the plants that gains are examined and tuned with.
 
 use super::{Check, ConfigError, parse};
-use crate::analysis::stability::path::Spread;
+use crate::plant::spread::Spread;
 use serde::Deserialize;
 
 #[derive(Deserialize)]

@@ -2,7 +2,7 @@
 
 use super::{Check, ConfigError, accepted, optional_pair, pair, parse};
 use crate::planner::path::{LinePath, Profile};
-use crate::planner::plan::{Task, Window};
+use crate::planner::task::{Task, Window};
 use serde::de::{self, Visitor};
 use serde::{Deserialize, Deserializer};
 use std::fmt;

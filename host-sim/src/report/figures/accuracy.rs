@@ -1,11 +1,13 @@
 //! Figures of the number types' accuracy: torque errors against time, and how they are
 //! distributed.
 
-use super::{
-    Axis, BLUE, Curve, Figure, INK, LEFT, Panel, ReportError, TITLE, VERMILLION, draw_panels,
-    panels_height, render, text, units,
+use super::axis::Axis;
+use super::plot::{
+    BLUE, Curve, Figure, INK, LEFT, Panel, TITLE, VERMILLION, draw_panels, panels_height, render,
+    text, units,
 };
 use crate::analysis::fixed_point::accuracy::Accuracy;
+use crate::report::ReportError;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 /// Bins of the histogram a decade.

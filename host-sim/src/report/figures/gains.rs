@@ -1,12 +1,13 @@
 //! Figures on the stability of gains: poles along the path, a map over two gains,
 //! margins against time.
 
-use super::{
-    Area, Axis, BLUE, Curve, Drawn, EDGE, Figure, GREEN, INK, LEFT, ORANGE, PURPLE, Panel,
-    REFERENCE, RIGHT, SOFT, TEXT, TIME, TIME_LABELS, VERMILLION, draw_panels, line, number,
-    panels_height, render, text, text_width, units,
+use super::axis::{Axis, number};
+use super::plot::{
+    Area, BLUE, Chart, Curve, Drawn, Figure, GREEN, INK, LEFT, ORANGE, PURPLE, Panel, REFERENCE,
+    SOFT, TEXT, TIME, TIME_LABELS, VERMILLION, chart, draw_axes, draw_panels, line, panels_height,
+    render, text, text_width, units,
 };
-use crate::analysis::stability::map::{Class, Map};
+use crate::analysis::stability::map::{Class, GainId, Map};
 use crate::analysis::stability::path::{
     DELAY_MARGIN_MAX_TICKS, FrozenPoint, GAIN_MARGIN_MAX_DB, PathPoint,
 };
@@ -21,7 +22,7 @@ pub struct Gains<'a> {
     /// The planned arm's loop along the path.
     pub points: &'a [PathPoint],
     /// The plant at the path's first point, for its poles without feedback.
-    pub spots: &'a [FrozenPoint],
+    pub frozen_points: &'a [FrozenPoint],
     /// Stability over two gains.
     pub map: &'a Map,
     /// Times of the path, s, first and last.
@@ -62,24 +63,24 @@ const HEAD: f64 = 30.0;
 /// Poles of the closed loop along the path.
 fn loci(gains: &Gains<'_>) -> Result<Figure, ReportError> {
     let contact = gains
-        .spots
+        .frozen_points
         .first()
         .map_or(1.0, FrozenPoint::contact_frequency);
-    let open = || gains.spots.iter().flat_map(|spot| &spot.open);
+    let open = || gains.frozen_points.iter().flat_map(|frozen| &frozen.open);
     let broad = open().map(|p| p.re.abs()).fold(contact, f64::max);
     let fast = open().map(|p| p.im).fold(contact, f64::max);
     let everything = || {
         gains
             .points
             .iter()
-            .flat_map(|p| p.verdict.poles.iter().chain(&p.verdict.sliding))
+            .flat_map(|p| p.verdict.poles.iter().chain(&p.verdict.tangential))
     };
     let near = |limits: [f64; 2], f: &dyn Fn(&Complex<f64>) -> f64, floor: f64| {
         Axis::new(everything().map(f).chain([floor]), 0.1 * contact, limits, 6)
     };
     let planes = [
         Plane {
-            heading: "slow poles: sliding, force integrator, contact mode".into(),
+            heading: "slow poles: tangential mode, force integrator, contact mode".into(),
             real: near([-1.6 * contact, 0.6 * contact], &|p| p.re, 0.2 * contact).without_cut(),
             imaginary: near([0.0, 2.2 * contact], &|p| p.im.max(0.0), 1.2 * contact).without_cut(),
         },
@@ -102,7 +103,7 @@ fn loci(gains: &Gains<'_>) -> Result<Figure, ReportError> {
     })?;
     Ok(Figure {
         name: "gains_loci".into(),
-        caption: "Poles of the closed loop along the path, frozen at each point (upper half; the logarithms of the sampled loop's eigenvalues over the period), and without feedback. The sliding pair is not controlled; left of the line is stable."
+        caption: "Poles of the closed loop along the path, frozen at each point (upper half; the logarithms of the sampled loop's eigenvalues over the period), and without feedback. The tangential pair, the tip's motion along the surface, is not controlled; left of the line is stable."
             .into(),
         svg,
     })
@@ -135,25 +136,12 @@ fn draw_plane(area: &Area<'_>, plane: &Plane, gains: &Gains<'_>) -> Drawn {
     let (head, body) = area.split_vertically(units(HEAD));
     let style = text(TEXT, &INK).pos(Pos::new(HPos::Left, VPos::Center));
     head.draw_text(&plane.heading, &style, (units(LEFT), units(HEAD - 11.0)))?;
-    let mut chart = ChartBuilder::on(&body)
-        .set_label_area_size(LabelAreaPosition::Left, units(LEFT - EDGE))
-        .margin_left(units(EDGE))
-        .set_label_area_size(LabelAreaPosition::Bottom, units(TIME_LABELS))
-        .margin_right(units(RIGHT))
-        .build_cartesian_2d(plane.real.clone(), plane.imaginary.clone())?;
-    chart
-        .configure_mesh()
-        .bold_line_style(line(super::GRID, 0.8))
-        .light_line_style(TRANSPARENT)
-        .axis_style(line(SOFT, 1.0))
-        .set_all_tick_mark_size(units(4.0))
-        .label_style(text(TEXT, &INK))
-        .axis_desc_style(text(TEXT, &INK))
-        .x_labels(plane.real.ticks.len())
-        .y_labels(plane.imaginary.ticks.len())
-        .x_desc("real part (1/s)")
-        .y_desc("imaginary part (rad/s)")
-        .draw()?;
+    let mut chart = chart(&body, [&plane.real, &plane.imaginary])?;
+    draw_axes(
+        &mut chart,
+        true,
+        ["real part (1/s)", "imaginary part (rad/s)"],
+    )?;
     let inside = |p: &Complex<f64>| {
         let within = |x: f64, axis: &Axis| x >= axis.range[0] && x <= axis.range[1];
         within(p.re, &plane.real) && within(p.im, &plane.imaginary)
@@ -163,9 +151,10 @@ fn draw_plane(area: &Area<'_>, plane: &Plane, gains: &Gains<'_>) -> Drawn {
         vec![(0.0, low), (0.0, high)],
         line(VERMILLION, 1.2),
     )])?;
-    if let Some(spot) = gains.spots.first() {
+    if let Some(frozen) = gains.frozen_points.first() {
         chart.draw_series(
-            spot.open
+            frozen
+                .open
                 .iter()
                 .filter(|p| inside(p))
                 .map(|p| Cross::new((p.re, p.im), units(5.0), line(SOFT, 1.6))),
@@ -174,7 +163,7 @@ fn draw_plane(area: &Area<'_>, plane: &Plane, gains: &Gains<'_>) -> Drawn {
     let last = gains.points.len().max(2) - 1;
     for (i, point) in gains.points.iter().enumerate() {
         let colour = along(i as f64 / last as f64);
-        let poles = point.verdict.poles.iter().chain(&point.verdict.sliding);
+        let poles = point.verdict.poles.iter().chain(&point.verdict.tangential);
         chart.draw_series(
             poles
                 .filter(|p| inside(p))
@@ -184,103 +173,95 @@ fn draw_plane(area: &Area<'_>, plane: &Plane, gains: &Gains<'_>) -> Drawn {
     Ok(())
 }
 
-/// Stability over two gains.
-fn map(map: &Map) -> Result<Figure, ReportError> {
-    const STABLE: RGBColor = RGBColor(0xB5, 0xDD, 0xCE);
-    const TIGHT: RGBColor = RGBColor(0xF6, 0xE3, 0xB0);
-    const UNSTABLE: RGBColor = RGBColor(0xEF, 0xC4, 0xB0);
-    let colour = |class: Class| match class {
+const STABLE: RGBColor = RGBColor(0xB5, 0xDD, 0xCE);
+const TIGHT: RGBColor = RGBColor(0xF6, 0xE3, 0xB0);
+const UNSTABLE: RGBColor = RGBColor(0xEF, 0xC4, 0xB0);
+
+/// Colour of a cell of the map.
+fn colour(class: Class) -> RGBColor {
+    match class {
         Class::Stable => STABLE,
         Class::Tight => TIGHT,
         Class::Unstable => UNSTABLE,
+    }
+}
+
+/// An axis' cells as decimal logarithms: the edges of all of them, and the width of one.
+fn cells(values: &[f64]) -> ([f64; 2], f64) {
+    let half = match values {
+        [a, b, ..] => 0.5 * (b / a).log10(),
+        _ => 0.5,
     };
-    // Cells' edges as logarithms.
-    let edges = [0, 1].map(|axis| {
-        let values = &map.values[axis];
-        let half = match values[..] {
-            [a, b, ..] => 0.5 * (b / a).log10(),
-            _ => 0.5,
-        };
-        let [first, last] = [values.first(), values.last()].map(|v| v.map_or(0.0, |v| v.log10()));
-        ([first - half, last + half], 2.0 * half)
-    });
+    let [first, last] = [values.first(), values.last()].map(|v| v.map_or(0.0, |v| v.log10()));
+    ([first - half, last + half], 2.0 * half)
+}
+
+/// What the map's colours mean.
+fn map_legend(head: &Area<'_>) -> Drawn {
+    let plain = text(TEXT, &INK).pos(Pos::new(HPos::Left, VPos::Center));
+    let mut x = LEFT;
+    let entries = [
+        (STABLE, "stable with 6 dB and one tick to spare"),
+        (TIGHT, "stable, with less"),
+        (UNSTABLE, "unstable"),
+    ];
+    for (fill, label) in entries {
+        let corners = [(units(x), units(14.0)), (units(x + 14.0), units(28.0))];
+        head.draw(&Rectangle::new(corners, fill.filled()))?;
+        head.draw_text(label, &plain, (units(x + 20.0), units(21.0)))?;
+        x += 20.0 + text_width(label, TEXT) + 18.0;
+    }
+    head.draw(&Circle::new(
+        (units(x + 6.0), units(21.0)),
+        units(5.0),
+        INK.filled(),
+    ))?;
+    head.draw_text("the gains", &plain, (units(x + 16.0), units(21.0)))
+}
+
+/// Draws the map's cells; neighbours of a class in a row are drawn as one.
+fn draw_cells(chart: &mut Chart<'_, '_>, map: &Map, edges: &[([f64; 2], f64); 2]) -> Drawn {
+    let across = map.values[0].len().max(1);
+    for (row, classes) in map.classes.chunks(across).enumerate() {
+        let mut from = 0;
+        for to in 1..=classes.len() {
+            if to < classes.len() && classes[to] == classes[from] {
+                continue;
+            }
+            let x = [from, to].map(|i| edges[0].0[0] + i as f64 * edges[0].1);
+            // A little over the next row, which is drawn later: no hairline between.
+            let y = [row as f64, row as f64 + 1.1].map(|i| edges[1].0[0] + i * edges[1].1);
+            chart.draw_series([Rectangle::new(
+                [(x[0], y[0]), (x[1], y[1])],
+                colour(classes[from]).filled(),
+            )])?;
+            from = to;
+        }
+    }
+    Ok(())
+}
+
+/// Stability over two gains.
+fn map(map: &Map) -> Result<Figure, ReportError> {
+    let edges = [0, 1].map(|axis| cells(&map.values[axis]));
     let axes = [0, 1].map(|axis| Axis::decades(edges[axis].0));
     let height = 40.0 + 380.0 + TIME_LABELS;
     let svg = render("gains_map", height, |area| {
         let (head, body) = area.split_vertically(units(40.0));
-        let plain = text(TEXT, &INK).pos(Pos::new(HPos::Left, VPos::Center));
-        let mut x = LEFT;
-        let entries = [
-            (STABLE, "stable with 6 dB and one tick to spare"),
-            (TIGHT, "stable, with less"),
-            (UNSTABLE, "unstable"),
-        ];
-        for (fill, label) in entries {
-            let corners = [(units(x), units(14.0)), (units(x + 14.0), units(28.0))];
-            head.draw(&Rectangle::new(corners, fill.filled()))?;
-            head.draw_text(label, &plain, (units(x + 20.0), units(21.0)))?;
-            x += 20.0 + text_width(label, TEXT) + 18.0;
-        }
-        head.draw(&Circle::new(
-            (units(x + 6.0), units(21.0)),
-            units(5.0),
-            INK.filled(),
-        ))?;
-        head.draw_text("the gains", &plain, (units(x + 16.0), units(21.0)))?;
-        let mut chart = ChartBuilder::on(&body)
-            .set_label_area_size(LabelAreaPosition::Left, units(LEFT - EDGE))
-            .margin_left(units(EDGE))
-            .set_label_area_size(LabelAreaPosition::Bottom, units(TIME_LABELS))
-            .margin_right(units(RIGHT))
-            .build_cartesian_2d(axes[0].clone(), axes[1].clone())?;
-        // Neighbours of a class in a row are drawn as one.
-        let across = map.values[0].len().max(1);
-        for (row, classes) in map.classes.chunks(across).enumerate() {
-            let mut from = 0;
-            for to in 1..=classes.len() {
-                if to < classes.len() && classes[to] == classes[from] {
-                    continue;
-                }
-                let x = [from, to].map(|i| edges[0].0[0] + i as f64 * edges[0].1);
-                // A little over the next row, which is drawn later: no hairline between.
-                let y = [row as f64, row as f64 + 1.1].map(|i| edges[1].0[0] + i * edges[1].1);
-                chart.draw_series([Rectangle::new(
-                    [(x[0], y[0]), (x[1], y[1])],
-                    colour(classes[from]).filled(),
-                )])?;
-                from = to;
-            }
-        }
-        chart
-            .configure_mesh()
-            .disable_mesh()
-            .axis_style(line(SOFT, 1.0))
-            .set_all_tick_mark_size(units(4.0))
-            .label_style(text(TEXT, &INK))
-            .axis_desc_style(text(TEXT, &INK))
-            .x_labels(axes[0].ticks.len())
-            .y_labels(axes[1].ticks.len())
-            .x_desc(map.gains[0].key())
-            .y_desc(map.gains[1].key())
-            .draw()?;
+        map_legend(&head)?;
+        let mut chart = chart(&body, [&axes[0], &axes[1]])?;
+        draw_cells(&mut chart, map, &edges)?;
+        draw_axes(&mut chart, false, map.gains.map(GainId::key))?;
         // A gain of zero is at the edge of every logarithmic scale.
-        let chosen = [0, 1].map(|axis| {
+        let [x, y] = [0, 1].map(|axis| {
             let [low, high] = edges[axis].0;
             map.chosen[axis].max(1e-300).log10().clamp(low, high)
         });
-        chart.draw_series([Circle::new(
-            (chosen[0], chosen[1]),
-            units(6.0),
-            INK.filled(),
-        )])?;
-        chart.draw_series([Circle::new(
-            (chosen[0], chosen[1]),
-            units(2.5),
-            WHITE.filled(),
-        )])?;
+        chart.draw_series([Circle::new((x, y), units(6.0), INK.filled())])?;
+        chart.draw_series([Circle::new((x, y), units(2.5), WHITE.filled())])?;
         Ok(())
     })?;
-    let [a, b] = map.gains.map(crate::analysis::stability::map::GainId::key);
+    let [a, b] = map.gains.map(GainId::key);
     Ok(Figure {
         name: "gains_map".into(),
         caption: format!(
@@ -293,8 +274,8 @@ fn map(map: &Map) -> Result<Figure, ReportError> {
     })
 }
 
-/// Margins and damping against the path's time.
-fn margins(gains: &Gains<'_>) -> Result<Figure, ReportError> {
+/// Panels of margins and damping against the path's time.
+fn margin_panels(gains: &Gains<'_>) -> [Panel; 4] {
     let curve = |label: &str, colour, value: &dyn Fn(&PathPoint) -> f64| Curve {
         label: label.into(),
         colour,
@@ -316,7 +297,7 @@ fn margins(gains: &Gains<'_>) -> Result<Figure, ReportError> {
             shaded: vec![],
         }
     };
-    let panels = [
+    [
         panel(
             vec![
                 level("6 dB", 6.0),
@@ -347,18 +328,23 @@ fn margins(gains: &Gains<'_>) -> Result<Figure, ReportError> {
         panel(
             vec![
                 level("edge of stability", 0.0),
-                curve("slowest pole but the sliding", BLUE, &|p| {
+                curve("slowest pole but the tangential", BLUE, &|p| {
                     p.verdict.worst.re
                 }),
-                curve("sliding", ORANGE, &|p| {
-                    p.verdict.sliding[0].re.max(p.verdict.sliding[1].re)
+                curve("tangential mode", ORANGE, &|p| {
+                    p.verdict.tangential[0].re.max(p.verdict.tangential[1].re)
                 }),
             ],
             "real part (1/s)",
             0.5,
             [-200.0, 200.0],
         ),
-    ];
+    ]
+}
+
+/// Margins and damping against the path's time.
+fn margins(gains: &Gains<'_>) -> Result<Figure, ReportError> {
+    let panels = margin_panels(gains);
     let svg = render("gains_margins", panels_height(&panels), |area| {
         draw_panels(area, &panels, (gains.times, TIME), false)
     })?;

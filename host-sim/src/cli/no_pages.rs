@@ -1,0 +1,55 @@
+//! What stands in for `pages.rs` where the feature `report` is off: no figures, no pages.
+
+use super::CliError;
+use crate::analysis::fixed_point::accuracy::Accuracy;
+use crate::analysis::stability::map::GainId;
+use crate::analysis::stability::path::Report;
+use crate::planner::plan::Plan;
+use crate::plant::PlantParameters;
+use crate::simulation::closed_loop::Run;
+use flexor::control::LawParameters;
+use std::path::Path;
+
+/// A case's name, the plant's, the plan and the run.
+pub(super) type CaseRun<'a> = (&'a str, &'a str, &'a Plan, &'a Run);
+
+/// What a page on gains would show.
+#[allow(dead_code)]
+pub(super) struct GainsContent<'a> {
+    pub(super) plan: &'a Plan,
+    pub(super) plant: &'a PlantParameters,
+    pub(super) law: &'a LawParameters,
+    pub(super) report: &'a Report,
+    pub(super) map_of: [GainId; 2],
+    pub(super) warnings: &'a [String],
+    pub(super) facts: &'a [(String, String)],
+}
+
+/// Where results are, as a sentence.
+fn place(folder: &Path) -> Result<String, CliError> {
+    Ok(format!("The results are in {}", folder.display()))
+}
+
+/// Says where the results are.
+pub(super) fn runs(
+    folder: &Path,
+    _title: &str,
+    _cases: &[CaseRun<'_>],
+    _facts: &[(String, String)],
+) -> Result<String, CliError> {
+    place(folder)
+}
+
+/// Says where the results are.
+pub(super) fn accuracy(
+    folder: &Path,
+    _accuracies: &[Accuracy],
+    _facts: &[(String, String)],
+) -> Result<String, CliError> {
+    place(folder)
+}
+
+/// Says where the results are.
+pub(super) fn gains(folder: &Path, _content: &GainsContent<'_>) -> Result<String, CliError> {
+    place(folder)
+}

@@ -1,0 +1,181 @@
+//! What the tip shall do, and why there may be no plan for it.
+
+use crate::model::arm_model::ModelError;
+use crate::model::configuration::Surface;
+use crate::planner::collocation::CollocationError;
+use crate::planner::path::LinePath;
+use crate::text::{Shortest, four_digits};
+use flexor::model::KinematicsError;
+
+/// Which equations the planner uses.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Equations {
+    /// All of them, with the terms of second order in the deflection.
+    #[default]
+    Exact,
+    /// Eq. 14-17 as the paper prints them, but for their slips of sign: without the
+    /// axial load and the terms of second order, and with the torques as least-squares
+    /// solution of eq. 9 and 11, which then contradict each other.
+    AsPrinted,
+}
+
+/// How long the link may bend before or after the tip's motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Window {
+    /// This long, s.
+    Fixed(f64),
+    /// Until the slowest zero at the path's end has decayed to the given tolerance.
+    Auto {
+        /// Ratio to which the deflection's rate decays.
+        tolerance: f64,
+    },
+}
+
+/// What the tip shall do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Task {
+    /// The tip's path and its timing.
+    pub path: LinePath,
+    /// Force on the surface along its normal, N.
+    pub normal_force: f64,
+    /// Direction that tells the path's two normals apart: the force is along the one
+    /// with a positive component in this direction. `None`: downwards (+a2), or along
+    /// +a1 for a vertical path.
+    pub direction: Option<[f64; 2]>,
+    /// Time before the tip's motion.
+    pub pre_actuation: Window,
+    /// Time after it.
+    pub post_actuation: Window,
+}
+
+/// Why there is no plan.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PlanError {
+    /// The arm cannot take the tip along the path.
+    #[error("the path cannot be followed: at t = {t_s:.4} s, point ({:.4}, {:.4}) m, it is {source}", point_m[0], point_m[1])]
+    Path {
+        /// When, s.
+        t_s: f64,
+        /// Where, m.
+        point_m: [f64; 2],
+        /// What is wrong there.
+        source: KinematicsError,
+    },
+    /// The path is a point.
+    #[error("path.from_m and path.to_m are the same point ({:.4}, {:.4}) m: a path longer than 1e-6 m is accepted", .0[0], .0[1])]
+    NoPath([f64; 2]),
+    /// The force's direction does not choose between the path's normals.
+    #[error("force.direction = [{}, {}] runs along the path: a direction with a component across it is accepted", Shortest(.0[0]), Shortest(.0[1]))]
+    Direction([f64; 2]),
+    /// Too few or too many control periods.
+    #[error(
+        "{what} of {} s is {} control periods at {tick_rate_hz} Hz: {accepted} are accepted",
+        Shortest(*value_s),
+        four_digits(*ticks)
+    )]
+    Duration {
+        /// What takes that long.
+        what: &'static str,
+        /// How long, s.
+        value_s: f64,
+        /// The same in ticks.
+        ticks: f64,
+        /// Control rate, Hz.
+        tick_rate_hz: u32,
+        /// What is accepted.
+        accepted: String,
+    },
+    /// No real part of a zero to derive a window from.
+    #[error(
+        "{what} = \"auto\" cannot be derived: the arm's slowest zero there decays at {} 1/s; give a number of seconds",
+        four_digits(*rate_per_s)
+    )]
+    NoWindow {
+        /// Which window.
+        what: &'static str,
+        /// Decay rate, 1/s.
+        rate_per_s: f64,
+    },
+    /// The deflection could not be found.
+    #[error(
+        "no elastic motion was found for this task ({0}); a longer duration_s, or less force, makes it easier"
+    )]
+    Deflection(#[from] CollocationError),
+    /// The link buckles at an end of the path.
+    #[error("link 2 has no resting shape at {} of the path: the load reaches its buckling load", if *.end { "the end" } else { "the start" })]
+    Buckled {
+        /// At the end, or at the start.
+        end: bool,
+    },
+    /// A planned quantity is not finite or absurdly large.
+    #[error(
+        "the planned {what} reaches {} at t = {t_s:.4} s: at most {} is accepted; a longer duration_s makes motion's share smaller, less force.normal_N and a stiffer link2 the share at rest",
+        four_digits(*value),
+        four_digits(*limit)
+    )]
+    Excessive {
+        /// What is excessive.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+        /// When, s.
+        t_s: f64,
+        /// What is accepted.
+        limit: f64,
+    },
+    /// The link has zeros that come in no pair of growth and decay.
+    #[error(
+        "link 2 has {growing} growing and {decaying} decaying zeros, as many of each are accepted: link2.tip_inertia_kgm2 = {} makes the tip swing freely against the plan; a smaller one or 0 is accepted",
+        Shortest(*tip_inertia_kgm2)
+    )]
+    Unpaired {
+        /// Number of zeros that grow.
+        growing: usize,
+        /// Number of zeros that decay.
+        decaying: usize,
+        /// The arm's tip inertia, kg m^2, which causes this.
+        tip_inertia_kgm2: f64,
+    },
+    /// The deflection found is not good enough to be used.
+    #[error(
+        "the planned deflection is only good to {estimate:.1e} rad or m, 1e-2 is accepted; a longer duration_s, pre_actuation_s or fewer link2.elements make it better"
+    )]
+    Inaccurate {
+        /// Estimated error.
+        estimate: f64,
+    },
+    /// The arm has no model.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+}
+
+/// Unit normal of the surface along `task`'s path, into which the tip presses.
+pub(super) fn surface(task: &Task) -> Result<Surface, PlanError> {
+    let path = &task.path;
+    let length = path.length();
+    if !(length > 1e-6) {
+        return Err(PlanError::NoPath(path.from));
+    }
+    let along = [
+        (path.to[0] - path.from[0]) / length,
+        (path.to[1] - path.from[1]) / length,
+    ];
+    let normal = [-along[1], along[0]];
+    let component = |d: [f64; 2]| d[0] * normal[0] + d[1] * normal[1];
+    let side = match task.direction {
+        Some(direction) => {
+            let side = component(direction);
+            if side.abs() < 1e-6 * libm::hypot(direction[0], direction[1]) || side == 0.0 {
+                return Err(PlanError::Direction(direction));
+            }
+            side
+        }
+        None if normal[1].abs() > 1e-9 => normal[1],
+        None => normal[0],
+    };
+    let normal = normal.map(|n| n * side.signum());
+    Ok(Surface {
+        normal,
+        offset_m: normal[0] * path.from[0] + normal[1] * path.from[1],
+    })
+}

@@ -1,0 +1,41 @@
+//! Where a controller lives, and how the next one is handed to the tick.
+//!
+//! A controller is a few hundred bytes, and making one opens a table: both take longer than
+//! interrupts may be held off. So there are two places. The supervisor's tick runs the one in
+//! its own place; the main loop prepares the next in the other, with no lock held, and then
+//! exchanges the two **references** under a short lock.
+
+use crate::control::Controller;
+
+/// An exclusive reference to a place for one controller, which may be empty.
+///
+/// There are two of them: one goes to [`Supervisor::new`](crate::supervisor::Supervisor::new),
+/// the other stays with whoever prepares controllers.
+#[derive(Debug)]
+pub struct ControllerSlot<'a> {
+    place: &'a mut Option<Controller<'a, f32>>,
+}
+
+impl<'a> ControllerSlot<'a> {
+    /// An empty slot in this place; what was there is dropped.
+    pub fn new(place: &'a mut Option<Controller<'a, f32>>) -> Self {
+        *place = None;
+        Self { place }
+    }
+
+    /// Puts a controller into the slot, instead of the one that was there.
+    pub fn put(&mut self, controller: Controller<'a, f32>) {
+        *self.place = Some(controller);
+    }
+
+    /// Exchanges what the two slots hold, by exchanging their references.
+    pub(super) fn exchange(&mut self, other: &mut Self) {
+        core::mem::swap(&mut self.place, &mut other.place);
+    }
+
+    /// The controller; `None` if the slot is empty.
+    #[inline]
+    pub(super) fn controller(&mut self) -> Option<&mut Controller<'a, f32>> {
+        self.place.as_mut()
+    }
+}

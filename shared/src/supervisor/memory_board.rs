@@ -1,0 +1,88 @@
+//! A [`Board`] that is nothing but values in memory: what the sensors say is written into it,
+//! what the drives are told is read from it.
+//!
+//! Public and not only for tests, because a simulator that is to run the whole firmware
+//! logic (sensing, fault monitor, modes) needs just this between its plant and
+//! [`Supervisor::tick`](crate::supervisor::Supervisor::tick). It needs no allocation, so it
+//! is here and not in the host's package.
+
+use crate::link::{Interlocks, RawSample};
+use crate::supervisor::board::Board;
+use core::cell::Cell;
+
+/// A board in memory. All values may be changed between two ticks.
+///
+/// While [`timer_running`](Self::timer_running) every tick counts as one of the timer's;
+/// else as requested by software, as in lock-step.
+#[derive(Clone, Debug)]
+pub struct MemoryBoard {
+    /// What encoders and converters read.
+    pub sample: RawSample,
+    /// What the emergency stop and the drives' fault lines read.
+    pub interlocks: Interlocks,
+    /// Torques (tau1, tau2) that the enabled drives were last commanded, N m; `None` when
+    /// they are disabled.
+    pub torque: Option<[f32; 2]>,
+    /// The control timer runs.
+    pub timer_running: bool,
+    /// The next tick is due before this one has ended.
+    pub timer_due: bool,
+    /// What the stopwatch advances by from one reading to the next.
+    pub stopwatch_step: u32,
+    stopwatch: Cell<u32>,
+}
+
+impl MemoryBoard {
+    /// A board in good order whose sensors read `sample`: stop released, drives well and
+    /// disabled, timer running.
+    pub fn new(sample: RawSample) -> Self {
+        Self {
+            sample,
+            interlocks: Interlocks {
+                estop_released: true,
+                drives_ok: true,
+            },
+            torque: None,
+            timer_running: true,
+            timer_due: false,
+            stopwatch_step: 1,
+            stopwatch: Cell::new(0),
+        }
+    }
+}
+
+impl Board for MemoryBoard {
+    fn sample(&mut self) -> RawSample {
+        self.sample
+    }
+
+    fn interlocks(&self) -> Interlocks {
+        self.interlocks
+    }
+
+    fn command(&mut self, torque: [f32; 2]) {
+        self.torque = Some(torque);
+    }
+
+    fn off(&mut self) {
+        self.torque = None;
+    }
+
+    fn acknowledge_timer(&mut self) -> bool {
+        self.timer_running
+    }
+
+    fn timer_due(&self) -> bool {
+        self.timer_due
+    }
+
+    fn run_timer(&mut self, run: bool) {
+        self.timer_running = run;
+    }
+
+    fn stopwatch(&self) -> u32 {
+        let now = self.stopwatch.get().wrapping_add(self.stopwatch_step);
+        self.stopwatch.set(now);
+        now
+    }
+}
