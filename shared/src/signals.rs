@@ -4,35 +4,20 @@ use crate::number::SiScalar;
 use serde::{Deserialize, Serialize};
 
 /// A format for each kind of signal. In floating point formats are nothing; in fixed point
-/// they come from a range analysis on the host.
+/// they come from a range analysis on the host. Angles have none: see
+/// [`crate::number::Scalar::angle_minus`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Formats<F> {
     /// Torques of joint 1 and joint 2, N m.
     pub torque: [F; 2],
     /// Forces: setpoint, measured, error, integral, correction, N.
     pub force: F,
-    /// Angles and their differences, rad.
-    pub angle: F,
     /// Root slope, rad.
     pub root_slope: F,
     /// Root slope rates: setpoint, measured, deviation, rad/s.
     pub slope_rate: F,
     /// Moment arms, which make torques of forces, m.
     pub moment_arm: F,
-}
-
-impl<F: Copy> Formats<F> {
-    /// The formats of a table's columns.
-    pub fn reference(&self) -> Reference<F> {
-        Reference {
-            torque: self.torque,
-            force: self.force,
-            angle: [self.angle; 2],
-            root_slope: self.root_slope,
-            root_slope_rate: self.slope_rate,
-            normal_angle: self.angle,
-        }
-    }
 }
 
 /// How often each signal has saturated since the start: it left its format's range and was
@@ -45,8 +30,6 @@ pub struct SaturationCounts<C> {
     pub integral: C,
     /// The force that feedback asks for, u of eq. 18.
     pub force_correction: C,
-    /// Angles from the surface normal.
-    pub angle: C,
     /// Deviation of the root slope rate.
     pub slope_rate: C,
     /// Torques before the limits.
@@ -55,12 +38,11 @@ pub struct SaturationCounts<C> {
 
 impl SaturationCounts<u32> {
     /// The signals' names and counts.
-    pub fn entries(&self) -> [(&'static str, u32); 7] {
+    pub fn entries(&self) -> [(&'static str, u32); 6] {
         [
             ("force", self.force),
             ("integral", self.integral),
             ("force_correction", self.force_correction),
-            ("angle", self.angle),
             ("slope_rate", self.slope_rate),
             ("torque1", self.torque[0]),
             ("torque2", self.torque[1]),
@@ -207,10 +189,11 @@ impl<T: SiScalar> Measurement<T> {
         ])
     }
 
-    /// The measurement in the tick's number type; saturates at the formats' ranges.
+    /// The measurement in the tick's number type; saturates at the formats' ranges, and
+    /// angles lose whole turns, in fixed point.
     pub fn from_si(si: &Measurement<f64>, formats: &Formats<T::Format>) -> Self {
         Self {
-            angle: si.angle.map(|x| T::from_si(x, formats.angle)),
+            angle: si.angle.map(T::from_rad),
             root_slope: T::from_si(si.root_slope, formats.root_slope),
             root_slope_rate: T::from_si(si.root_slope_rate, formats.slope_rate),
             force: T::from_si(si.force, formats.force),
@@ -221,7 +204,7 @@ impl<T: SiScalar> Measurement<T> {
     /// The measurement in SI units.
     pub fn to_si(&self, formats: &Formats<T::Format>) -> Measurement<f64> {
         Measurement {
-            angle: self.angle.map(|x| x.to_si(formats.angle)),
+            angle: self.angle.map(T::to_rad),
             root_slope: self.root_slope.to_si(formats.root_slope),
             root_slope_rate: self.root_slope_rate.to_si(formats.slope_rate),
             force: self.force.to_si(formats.force),

@@ -158,7 +158,7 @@ impl<'a, T: TableScalar> Controller<'a, T> {
             return Err(Mismatch::TickRate { expected, found });
         }
         let cursor = table
-            .cursor_in(&coefficients.formats.reference())
+            .cursor_in(&coefficients.formats)
             .map_err(|column| Mismatch::Range { column })?;
         Ok(Self::starting(
             coefficients.law,

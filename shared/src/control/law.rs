@@ -34,7 +34,7 @@
 //! reset, copied or compared without touching the gains.
 
 use crate::model::ArmParameters;
-use crate::number::{Scalar, SiScalar, sine};
+use crate::number::{Scalar, SiScalar};
 use crate::signals::{Formats, Measurement, Saturation, SaturationCounts, Setpoint};
 use serde::{Deserialize, Serialize};
 
@@ -112,8 +112,6 @@ pub struct Law<T: Scalar> {
     slope_rate_filter: Option<T::Alpha>,
     /// `None` for the default.
     options: Option<LawOptions>,
-    /// Format change of angles to half-turns.
-    angle_scale: T::AngleScale,
     /// Format change of moment arm (m) times force (N) to torque (N m), a joint.
     torque: [T::Shift; 2],
 }
@@ -258,7 +256,6 @@ impl<T: SiScalar> Law<T> {
             ),
             slope_rate_filter: filter(parameters.slope_rate_filter_hz),
             options: (options != LawOptions::DEFAULT).then_some(options),
-            angle_scale: T::angle_scale(formats.angle),
             torque: formats
                 .torque
                 .map(|torque| T::shift(formats.moment_arm, formats.force, torque)),
@@ -352,8 +349,11 @@ impl<T: Scalar> Law<T> {
 
         let ([r1, r2], [theta10, theta20]) = (self.link_length, measured.angle);
         let phi = setpoint.normal_angle;
-        let arm1 = self.moment_arm(r1, phi, theta10, &mut count.angle);
-        let arm2 = self.moment_arm(r2, phi, theta20, &mut count.angle);
+        // Moment arms of a force along the normal at each link's end about the link's joint;
+        // their format holds both lengths together.
+        let no_count = &mut T::SaturationCount::default();
+        let arm1 = phi.angle_minus(theta10).sine().scaled(r1, no_count);
+        let arm2 = phi.angle_minus(theta20).sine().scaled(r2, no_count);
         let mut force_to_torque = [arm1.plus_in_range(arm2), arm2];
         let (mut feedforward, mut planned_rate) = (setpoint.torque, setpoint.root_slope_rate);
         if let Some(options) = &self.options {
@@ -386,19 +386,6 @@ impl<T: Scalar> Law<T> {
             integral_step,
             integral_before,
         }
-    }
-
-    /// Moment arm of a force along the surface normal at a link's end about the link's
-    /// joint, m: r sin(phi - theta).
-    #[inline]
-    fn moment_arm(
-        &self,
-        length: T::Gain,
-        normal_angle: T,
-        angle: T,
-        count: &mut T::SaturationCount,
-    ) -> T {
-        sine::sin(normal_angle.minus(angle, count), self.angle_scale).scaled(length, count)
     }
 
     /// Tells the law which joints were limited in this tick. Takes the integral's step back

@@ -17,6 +17,7 @@
 //! *unit* is the last bit, 2^(E - 31); *up* is the left shift after a product.
 
 use crate::number::scalar::{Constant, Scalar, SiScalar, TableScalar};
+use crate::number::sine;
 use fixed::types::I1F31;
 use serde::{Deserialize, Serialize};
 
@@ -101,6 +102,8 @@ pub struct ColumnScale {
     down: u8,
     /// Left shift of the values.
     up: u8,
+    /// True for angles: the integers are divided by pi besides.
+    angle: bool,
 }
 
 /// 1 divided by an integer.
@@ -152,6 +155,9 @@ fn product(a: i32, b: i32) -> i64 {
     }
 }
 
+/// What the last bit of an angle stands for: half a turn is 2^31.
+pub const RADIANS_PER_UNIT: f64 = core::f64::consts::PI / 2_147_483_648.0;
+
 /// Counts a saturation; the counter itself stays at its end.
 #[inline]
 fn count_saturation(count: &mut u32) {
@@ -192,7 +198,6 @@ impl Scalar for Fixed {
     type Gain = ShiftedGain;
     type Alpha = i32;
     type Shift = u8;
-    type AngleScale = ShiftedGain;
     type Sum = i64;
     type SaturationCount = u32;
 
@@ -286,20 +291,21 @@ impl Scalar for Fixed {
     }
 
     #[inline]
-    fn reduced(self, angle_scale: ShiftedGain) -> Self {
-        // Half a turn is 2^31: what the shift drops is whole turns.
-        let angle =
-            high_product(bits(self), angle_scale.mantissa).wrapping_shl(angle_scale.up.into());
+    fn angle_minus(self, other: Self) -> Self {
+        of(bits(self).wrapping_sub(bits(other)))
+    }
+
+    #[inline]
+    fn sine(self) -> Self {
+        let angle = bits(self);
         // Beyond a quarter turn: sin(a) = sin(half a turn - a).
         let quarter = 1 << 30;
-        let angle = if angle.wrapping_add(quarter) < 0 {
+        let beyond = angle.wrapping_add(quarter) < 0;
+        sine::of_half_turns(of(if beyond {
             i32::MIN.wrapping_sub(angle)
         } else {
             angle
-        };
-        // To radians: pi / 2 numbers of exponent 1 a number.
-        const RADIANS: i32 = Constant::new(core::f64::consts::FRAC_PI_2, 1).bits;
-        of(high_product(angle, RADIANS).wrapping_shl(2))
+        }))
     }
 
     #[inline]
@@ -326,6 +332,15 @@ impl SiScalar for Fixed {
         f64::from(bits(self)) * format.unit()
     }
 
+    fn from_rad(value: f64) -> Self {
+        // The low bits alone: what is above them is whole turns. NaN gives 0.
+        of(libm::rint(value / RADIANS_PER_UNIT) as i64 as i32)
+    }
+
+    fn to_rad(self) -> f64 {
+        f64::from(bits(self)) * RADIANS_PER_UNIT
+    }
+
     fn gain(value: f64, from: Exponent, to: Exponent) -> ShiftedGain {
         ShiftedGain::new(value * from.range() / to.range())
     }
@@ -346,10 +361,6 @@ impl SiScalar for Fixed {
         let up = i32::from(a.0) + i32::from(b.0) + 1 - i32::from(to.0);
         up.clamp(0, 31) as u8
     }
-
-    fn angle_scale(format: Exponent) -> ShiftedGain {
-        ShiftedGain::new(format.range() * core::f64::consts::FRAC_1_PI)
-    }
 }
 
 impl TableScalar for Fixed {
@@ -363,11 +374,28 @@ impl TableScalar for Fixed {
         (net <= 0).then_some(ColumnScale {
             down: (-net).clamp(2, 31) as u8,
             up: (net + 2).max(0) as u8,
+            angle: false,
+        })
+    }
+
+    #[inline]
+    fn angle_column_scale(scaling: i8) -> Option<ColumnScale> {
+        // Values are up to 2^30 units of the table, a third of that in half turns.
+        let net = 31 - i32::from(scaling);
+        (net <= 31).then_some(ColumnScale {
+            down: (-net).clamp(0, 31) as u8,
+            up: net.clamp(0, 31) as u8,
+            angle: true,
         })
     }
 
     #[inline]
     fn control_point(raw: i32, column_scale: ColumnScale) -> Self {
+        if column_scale.angle {
+            // Up to 2^30 / pi.
+            const PER_PI: i32 = Constant::new(2.0 * core::f64::consts::FRAC_1_PI, 0).bits;
+            return of(high_product(raw, PER_PI) >> column_scale.down);
+        }
         // To nearest.
         of((raw.wrapping_shr(u32::from(column_scale.down) - 1) + 1) >> 1)
     }
@@ -404,31 +432,29 @@ impl TableScalar for Fixed {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::number::sine;
     use proptest::prelude::*;
 
     #[test]
-    fn the_sine_is_within_its_bound_over_all_of_a_format() {
-        for exponent in [1, 3, 6] {
-            let format = Exponent(exponent);
-            let angle_scale = Fixed::angle_scale(format);
-            // The binary angle's resolution, half a turn / 2^31 times 2^up.
-            let argument = core::f64::consts::PI / 2_147_483_648.0 * f64::from(1 << angle_scale.up);
-            let mut worst = 0.0_f64;
-            for i in 0..1_000_003_i64 {
-                let x = of((i * 4_294_967_296 / 1_000_003 - 2_147_483_648) as i32);
-                let sine = sine::sin(x, angle_scale).to_si(Fixed::SINE);
-                worst = worst.max((sine - libm::sin(x.to_si(format))).abs());
-            }
-            assert!(worst <= 4e-8 + 2.0 * argument, "{exponent}: {worst:e}");
+    fn the_sine_is_within_its_bound_for_every_angle() {
+        let all = (0..2_000_003_i64).map(|i| (i * 4_294_967_296 / 2_000_003 - (1 << 31)) as i32);
+        let edges = [i32::MIN, i32::MAX, 0, -1, 1 << 30, -(1 << 30)];
+        for angle in all.chain(
+            edges
+                .iter()
+                .flat_map(|e| (-3..=3).map(|d| e.wrapping_add(d))),
+        ) {
+            let sine = of(angle).sine().to_si(Fixed::SINE);
+            let error = sine - libm::sin(of(angle).to_rad());
+            assert!(error.abs() <= 3e-8, "{angle}: {error:e}");
         }
-        for edge in [i32::MIN, i32::MAX, 0, -1, 1 << 30, -(1 << 30)] {
-            for exponent in 0..8 {
-                let format = Exponent(exponent);
-                let (x, angle_scale) = (of(edge), Fixed::angle_scale(format));
-                let error =
-                    sine::sin(x, angle_scale).to_si(Fixed::SINE) - libm::sin(x.to_si(format));
-                assert!(error.abs() < 1e-6, "{edge} in {exponent}: {error:e}");
+    }
+
+    #[test]
+    fn angles_lose_whole_turns_alone() {
+        for turns in -3..=3 {
+            for angle in [-3.1, -1.5, 0.0, 0.3, 1.57, 3.1] {
+                let wound = angle + f64::from(turns) * core::f64::consts::TAU;
+                assert!((Fixed::from_rad(wound).to_rad() - angle).abs() < 2e-9);
             }
         }
     }

@@ -24,10 +24,12 @@
 //! | `a.plus_in_range(b)` | sum | sum that the formats keep in range: debug builds check |
 //! | `a.times(b, shift, count)` | product | product of two signals in a third one's format; saturates and counts |
 //! | `a.times_in_range::<UP>(b)` | product | product with known formats |
+//! | `a.angle_minus(b)` | difference | wraps, as angles do |
 //! | `a.scaled(gain, count)` | product with a constant | the same with a change of format; saturates and counts |
 //! | `sum` = [`Scalar::Sum`] | the type itself | 64 bits: constants times signals are added up without rounding |
 
 use super::real::Real;
+use super::sine;
 use core::fmt::Debug;
 use core::ops::Add;
 use serde::{Serialize, de::DeserializeOwned};
@@ -79,8 +81,6 @@ pub trait Scalar:
     type Alpha: Copy + Debug + PartialEq + Send + Sync + Serialize + DeserializeOwned;
     /// Left shift that brings the product of formats a and b into format c.
     type Shift: Copy + Debug + PartialEq + Send + Sync + Serialize + DeserializeOwned;
-    /// Factor from the angle's format to half-turns.
-    type AngleScale: Copy + Debug + PartialEq + Send + Sync + Serialize + DeserializeOwned;
     /// Memory of a filter or an integral: products with a coefficient are added to it
     /// without rounding.
     type Sum: Copy + Debug + Default + PartialOrd + Send + Sync;
@@ -133,10 +133,13 @@ pub trait Scalar:
     fn accumulated(sum: Self::Sum, more: Self::Sum, count: &mut Self::SaturationCount)
     -> Self::Sum;
 
-    /// An angle in [-pi/2, pi/2] with the sine of this one: radians, in the format of
-    /// exponent 1.
+    /// Difference of two angles. Radians in floating point; in fixed point 1 is half a turn,
+    /// and a difference wraps where the angle does, so that none is out of range.
     #[must_use]
-    fn reduced(self, angle_scale: Self::AngleScale) -> Self;
+    fn angle_minus(self, other: Self) -> Self;
+    /// Sine of an angle, in the format [`SiScalar::SINE`]; see [`crate::number::sine`].
+    #[must_use]
+    fn sine(self) -> Self;
 
     /// True when none of `values` is NaN or infinite.
     fn all_finite<const N: usize>(values: [Self; N]) -> bool;
@@ -165,13 +168,17 @@ pub trait SiScalar: Scalar {
     /// Where a signal's binary point is; nothing in floating point.
     type Format: Copy + Debug + Default + PartialEq + Send + Sync + Serialize + DeserializeOwned;
 
-    /// Format of [`crate::number::sine::sin`]'s result.
+    /// Format of [`Scalar::sine`].
     const SINE: Self::Format;
 
     /// The nearest number to `value`, in the signal's unit; saturates in fixed point.
     fn from_si(value: f64, format: Self::Format) -> Self;
     /// The number in the signal's unit.
     fn to_si(self, format: Self::Format) -> f64;
+    /// The angle nearest to `value`, rad; whole turns are lost in fixed point.
+    fn from_rad(value: f64) -> Self;
+    /// The angle, rad; in fixed point the one within half a turn.
+    fn to_rad(self) -> f64;
 
     /// The constant `value` that takes a signal of format `from` into `to`.
     fn gain(value: f64, from: Self::Format, to: Self::Format) -> Self::Gain;
@@ -183,8 +190,6 @@ pub trait SiScalar: Scalar {
     fn alpha_value(alpha: Self::Alpha) -> f64;
     /// What takes the product of a signal of format `a` and one of `b` into format `to`.
     fn shift(a: Self::Format, b: Self::Format, to: Self::Format) -> Self::Shift;
-    /// What takes an angle of this format to half-turns.
-    fn angle_scale(format: Self::Format) -> Self::AngleScale;
 }
 
 /// A [`Scalar`] that is read from a table's columns of integers.
@@ -197,6 +202,8 @@ pub trait TableScalar: SiScalar {
     /// How integers that are values times 2^`scaling` become a signal of `format`; `None`
     /// if they do not fit.
     fn column_scale(scaling: i8, format: Self::Format) -> Option<Self::ColumnScale>;
+    /// The same for a column of angles, rad.
+    fn angle_column_scale(scaling: i8) -> Option<Self::ColumnScale>;
     /// A table's integer, of magnitude up to [`crate::table::RAW_MAX`], as a control point
     /// of the column's spline.
     fn control_point(raw: i32, column_scale: Self::ColumnScale) -> Self;
@@ -215,7 +222,6 @@ macro_rules! float {
             type Gain = Self;
             type Alpha = Self;
             type Shift = ();
-            type AngleScale = ();
             type Sum = Self;
             type SaturationCount = ();
 
@@ -292,7 +298,12 @@ macro_rules! float {
             }
 
             #[inline]
-            fn reduced(self, (): ()) -> Self {
+            fn angle_minus(self, other: Self) -> Self {
+                self - other
+            }
+
+            #[inline]
+            fn sine(self) -> Self {
                 // A float of this size has no fraction, so that adding it rounds to an integer,
                 // whose lowest bit is then the sum's.
                 const ROUNDER: $float = 1.5 / $float::EPSILON;
@@ -305,7 +316,7 @@ macro_rules! float {
                 // in all that is below 2: clearing it bounds what is left of an angle that was
                 // too large for the sum, and changes no other.
                 let bits = x.to_bits() ^ (sum.to_bits() & 1) << SIGN;
-                Self::from_bits(bits & !(1 << (SIGN - 1)))
+                sine::of_radians(Self::from_bits(bits & !(1 << (SIGN - 1))))
             }
 
             // Zero times such a value is NaN, and so is the sum: one comparison for all.
@@ -335,6 +346,16 @@ macro_rules! float {
                 <Self as Real>::to_f64(self)
             }
 
+            #[inline]
+            fn from_rad(value: f64) -> Self {
+                <Self as Real>::from_f64(value)
+            }
+
+            #[inline]
+            fn to_rad(self) -> f64 {
+                <Self as Real>::to_f64(self)
+            }
+
             fn gain(value: f64, (): (), (): ()) -> Self {
                 <Self as Real>::from_f64(value)
             }
@@ -352,8 +373,6 @@ macro_rules! float {
             }
 
             fn shift((): (), (): (), (): ()) {}
-
-            fn angle_scale((): ()) {}
         }
 
         impl TableScalar for $float {
@@ -366,6 +385,11 @@ macro_rules! float {
                     1.0,
                     -i32::from(scaling),
                 )))
+            }
+
+            #[inline]
+            fn angle_column_scale(scaling: i8) -> Option<Self> {
+                Self::column_scale(scaling, ())
             }
 
             #[inline]

@@ -7,45 +7,68 @@
 //! fixed at 1 (Remez): 4.62e-9 in exact arithmetic.
 //!
 //! Floating point reduces the argument by subtracting a multiple of pi in two parts
-//! (Cody and Waite). In fixed point the argument becomes a binary angle, whose integers
-//! wrap where the angle does, so that reduction is exact and costs nothing.
+//! (Cody and Waite). In fixed point an angle's integers wrap where the angle does, half a
+//! turn being 2^31, so that reduction is exact and costs nothing; the same polynomial takes
+//! half turns there.
 //!
 //! **Largest error** against the exact sine: 1.3e-7 in `f32` (one unit in the last
 //! place of 1 is 1.2e-7) and 5e-9 in `f64`, for arguments up to [`ARGUMENT_MAX_RAD`] in
-//! magnitude; in fixed point 4e-8 and an error of the argument of a few units in its last
-//! place, for all arguments of the format. The tests scan the ranges.
+//! magnitude; in fixed point 3e-8, for every angle. The tests scan the ranges.
 
 use crate::number::scalar::{Constant, Scalar};
+use core::f64::consts::PI;
 
 /// Largest argument magnitude, in radians, for which the stated error holds in floating
 /// point. Beyond it the result loses accuracy but stays within [-1, 1], for whatever bits.
 pub const ARGUMENT_MAX_RAD: f64 = 1000.0;
 
-/// Exponent of the coefficients' format: they and the partial sums are below 1/4.
-const EXPONENT: i32 = -2;
-
-/// Coefficients of x^3, x^5, x^7, x^9.
-const COEFFICIENTS: [Constant; 4] = [
-    Constant::new(-0.166_666_570_965_143_42, EXPONENT),
-    Constant::new(0.008_333_017_291_768_292, EXPONENT),
-    Constant::new(-0.000_198_066_152_144_423_22, EXPONENT),
-    Constant::new(2.600_054_793_371_227e-6, EXPONENT),
+/// Coefficients of x^3, x^5, x^7, x^9; that of x is 1.
+const RADIANS: [Constant; 4] = [
+    Constant::new(-0.166_666_570_965_143_42, -2),
+    Constant::new(0.008_333_017_291_768_292, -2),
+    Constant::new(-0.000_198_066_152_144_423_22, -2),
+    Constant::new(2.600_054_793_371_227e-6, -2),
 ];
 
-/// Sine of an angle in radians, in the format [`Scalar::SINE`]; `angle_scale` is that of the
-/// angle's format. NaN and the infinities give no sensible value, but one within [-1, 1]
-/// (the controller refuses both before they get here).
+/// The same for an argument in half turns, of y, y^3, ..., y^9: up to 5.2, exponent 3.
+const HALF_TURNS: [Constant; 5] = {
+    let square = PI * PI;
+    let [c3, c5, c7, c9] = RADIANS;
+    let mut power = PI;
+    let mut constants = [Constant::new(power, 3); 5];
+    power *= square;
+    constants[1] = Constant::new(c3.value * power, 3);
+    power *= square;
+    constants[2] = Constant::new(c5.value * power, 3);
+    power *= square;
+    constants[3] = Constant::new(c7.value * power, 3);
+    power *= square;
+    constants[4] = Constant::new(c9.value * power, 3);
+    constants
+};
+
+/// Sine of a float in [-pi/2, pi/2].
 #[inline]
-pub fn sin<T: Scalar>(angle: T, angle_scale: T::AngleScale) -> T {
-    let x = angle.reduced(angle_scale); // up to pi/2: exponent 1
-    let square = x.times_in_range::<1>(x); // up to 2.47: exponent 2
-    let [c3, c5, c7, c9] = COEFFICIENTS.map(T::constant);
-    let mut sum = c9.times_in_range::<3>(square).plus_in_range(c7);
-    sum = sum.times_in_range::<3>(square).plus_in_range(c5);
-    sum = sum.times_in_range::<3>(square).plus_in_range(c3);
-    // Up to 0.42: exponent 0.
+pub(super) fn of_radians<T: Scalar>(x: T) -> T {
+    let square = x.times_in_range::<1>(x);
+    let [c3, c5, c7, c9] = RADIANS.map(T::constant);
+    let mut sum = c9.times_in_range::<1>(square).plus_in_range(c7);
+    sum = sum.times_in_range::<1>(square).plus_in_range(c5);
+    sum = sum.times_in_range::<1>(square).plus_in_range(c3);
     let sum = sum.times_in_range::<1>(square);
     x.plus_in_range(x.times_in_range::<1>(sum))
+}
+
+/// Sine of `y` half turns, in [-1/2, 1/2] and of exponent 0: of exponent 1.
+#[inline]
+pub(super) fn of_half_turns<T: Scalar>(y: T) -> T {
+    let square = y.times_in_range::<2>(y); // up to 1/4: exponent -1
+    let [c1, c3, c5, c7, c9] = HALF_TURNS.map(T::constant);
+    let mut sum = c9.times_in_range::<0>(square).plus_in_range(c7);
+    sum = sum.times_in_range::<0>(square).plus_in_range(c5);
+    sum = sum.times_in_range::<0>(square).plus_in_range(c3);
+    sum = sum.times_in_range::<0>(square).plus_in_range(c1);
+    y.times_in_range::<3>(sum)
 }
 
 #[cfg(test)]
@@ -54,11 +77,11 @@ mod tests {
     use crate::number::SiScalar;
 
     /// Scans `count` arguments over +-`range` and returns the largest error.
-    fn largest_error<T: SiScalar<Format = (), AngleScale = ()>>(range: f64, count: i32) -> f64 {
+    fn largest_error<T: SiScalar<Format = ()>>(range: f64, count: i32) -> f64 {
         let mut worst = 0.0_f64;
         for i in -count..=count {
             let x = T::from_si(range * f64::from(i) / f64::from(count), ());
-            let error = (sin(x, ()).to_si(()) - libm::sin(x.to_si(()))).abs();
+            let error = (x.sine().to_si(()) - libm::sin(x.to_si(()))).abs();
             worst = worst.max(error);
         }
         worst
@@ -81,7 +104,7 @@ mod tests {
         let (low, high) = (0.5_f32.to_bits(), core::f32::consts::FRAC_PI_2.to_bits());
         for bits in low..=high {
             let x = f32::from_bits(bits);
-            let error = (f64::from(sin(x, ())) - libm::sin(f64::from(x))).abs();
+            let error = (f64::from(x.sine()) - libm::sin(f64::from(x))).abs();
             worst = worst.max(error);
         }
         assert!(worst <= 1.3e-7, "{worst:e}");
@@ -92,10 +115,10 @@ mod tests {
         // An odd step: every exponent, NaN and the infinities, and all sorts of fractions.
         for bits in (0..=u32::MAX).step_by(10_007) {
             let x = f32::from_bits(bits);
-            let s = sin(x, ());
+            let s = x.sine();
             assert!(s.abs() <= 1.0 + f32::EPSILON, "sin({x:e}) = {s}");
             let x = f64::from_bits(u64::from(bits) << 32);
-            let s = sin(x, ());
+            let s = x.sine();
             assert!(s.abs() <= 1.0 + 5e-9, "sin({x:e}) = {s}");
         }
     }

@@ -3,7 +3,7 @@
 use super::format::{Piece, Table};
 use super::layout::{PIECE_BYTES, ROW_BYTES};
 use crate::number::{Constant, Scalar, TableScalar};
-use crate::signals::{COLUMNS, Reference, Setpoint};
+use crate::signals::{COLUMNS, Formats, Reference, Setpoint};
 
 /// Table columns of the values that the control law reads.
 const SETPOINT: Setpoint<usize> = Reference::from_columns([0, 1, 2, 3, 4, 5, 6, 7]).setpoint();
@@ -47,12 +47,20 @@ impl<'a> Table<'a> {
     /// The number of a column whose values may not fit its format.
     pub fn cursor_in<T: TableScalar>(
         &self,
-        formats: &Reference<T::Format>,
+        formats: &Formats<T::Format>,
     ) -> Result<Cursor<'a, T>, usize> {
-        let mut column_scale = [T::ColumnScale::default(); COLUMNS];
-        for (i, format) in formats.columns().into_iter().enumerate() {
-            column_scale[i] = T::column_scale(self.header.scaling[i], format).ok_or(i)?;
-        }
+        let scaling = &self.header.scaling;
+        let of = |column: usize, format| T::column_scale(scaling[column], format).ok_or(column);
+        let angle = |column: usize| T::angle_column_scale(scaling[column]).ok_or(column);
+        let column_scale = Reference {
+            torque: [of(0, formats.torque[0])?, of(1, formats.torque[1])?],
+            force: of(2, formats.force)?,
+            angle: [angle(3)?, angle(4)?],
+            root_slope: of(5, formats.root_slope)?,
+            root_slope_rate: of(6, formats.slope_rate)?,
+            normal_angle: angle(7)?,
+        };
+        let column_scale = column_scale.columns();
         Ok(self.cursor_with(column_scale))
     }
 
@@ -241,6 +249,7 @@ impl<T: Scalar> Cubic<T> {
 mod tests {
     use super::super::layout::RAW_MAX;
     use super::*;
+    use crate::number::SiScalar;
     use crate::number::fixed::{Exponent, Fixed};
     use proptest::prelude::*;
 
@@ -268,6 +277,11 @@ mod tests {
             }
             prop_assert!((read::<f64>(raw, part, ()) - exact).abs() < 1e-14);
             prop_assert!((read::<f32>(raw, part, ()) - exact).abs() < 1e-6);
+            let scale = Fixed::angle_column_scale(30).unwrap();
+            let cubic = Cubic::through(raw.map(|k| Fixed::control_point(k, scale)));
+            let u = Fixed::fraction(part, Fixed::reciprocal_of(1000));
+            let error = Fixed::from_spline(cubic.at(u), scale).to_rad() - exact;
+            prop_assert!(error.abs() < 6e-8, "angle: {error:e}");
             // 16 units of the control points' 2^-28 and, of coarser formats, one of their own.
             for exponent in [1, 2, 3, 6] {
                 let format = Exponent(exponent);

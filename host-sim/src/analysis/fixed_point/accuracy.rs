@@ -150,7 +150,7 @@ pub fn measure(
 /// The ends of the formats' ranges.
 pub fn ends(formats: &Formats<Exponent>) -> Measurement<f64> {
     Measurement {
-        angle: [formats.angle.range(); 2],
+        angle: [std::f64::consts::PI; 2],
         root_slope: formats.root_slope.range(),
         root_slope_rate: formats.slope_rate.range(),
         force: formats.force.range(),

@@ -5,6 +5,7 @@
 use flexor::number::fixed::{Exponent, Fixed};
 use flexor::number::{Constant, Scalar, SiScalar, TableScalar};
 use serde::{Deserialize, Serialize};
+use std::f64::consts::PI;
 
 /// A fraction of its format's range, not rounded, but held within [-1, 1].
 #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd, Serialize, Deserialize)]
@@ -23,7 +24,6 @@ impl Scalar for Exact {
     type Gain = f64;
     type Alpha = f64;
     type Shift = f64;
-    type AngleScale = f64;
     type Sum = f64;
     type SaturationCount = u32;
 
@@ -87,8 +87,12 @@ impl Scalar for Exact {
         held(sum + more, count)
     }
 
-    fn reduced(self, angle_scale: f64) -> Self {
-        Self(0.5 * Scalar::reduced(self.0 * angle_scale, ()))
+    fn angle_minus(self, other: Self) -> Self {
+        Self(self.0 - other.0)
+    }
+
+    fn sine(self) -> Self {
+        Self(0.5 * Scalar::sine(PI * self.0))
     }
 
     fn all_finite<const N: usize>(values: [Self; N]) -> bool {
@@ -132,8 +136,12 @@ impl SiScalar for Exact {
         a.range() * b.range() / to.range()
     }
 
-    fn angle_scale(format: Exponent) -> f64 {
-        format.range()
+    fn from_rad(value: f64) -> Self {
+        Self(value / PI)
+    }
+
+    fn to_rad(self) -> f64 {
+        self.0 * PI
     }
 }
 
@@ -144,6 +152,10 @@ impl TableScalar for Exact {
     fn column_scale(scaling: i8, format: Exponent) -> Option<f64> {
         Fixed::column_scale(scaling, format)
             .map(|_| libm::ldexp(1.0, -i32::from(scaling)) / format.range())
+    }
+
+    fn angle_column_scale(scaling: i8) -> Option<f64> {
+        Some(libm::ldexp(1.0, -i32::from(scaling)) / PI)
     }
 
     fn control_point(raw: i32, column_scale: f64) -> Self {

@@ -11,7 +11,6 @@
 //! |---|---|---|
 //! | torque | the limit; the plan where that is more | twice that: a torque that saturates lies beyond the limit by as much again |
 //! | force | planned, and what a drive from its planned torque to its limit presses with where its moment arm is longest | twice that (the filter sees differences of errors) |
-//! | angle | half a turn around the plan | the same, from the surface normal |
 //! | root slope | a quarter turn | the same |
 //! | root slope rate | planned and what K_w answers with twice limit and plan of joint 2, at least 10 rad/s | twice that |
 //! | moment arm | r1 + r2 | the same |
@@ -27,7 +26,7 @@ use crate::planner::plan::Plan;
 use crate::text::{Shortest, four_digits};
 use flexor::control::{Coefficients, LawParameters, LimitParameters, Mismatch};
 use flexor::number::SiScalar;
-use flexor::number::fixed::{Exponent, Fixed};
+use flexor::number::fixed::{Exponent, Fixed, RADIANS_PER_UNIT};
 use flexor::signals::{Formats, Measurement};
 use flexor::table::{Header, Table};
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -56,7 +55,7 @@ pub struct Signal {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Analysis {
     /// Every signal.
-    pub signals: [Signal; 7],
+    pub signals: [Signal; 6],
     /// Coefficients with the formats.
     pub coefficients: Coefficients<Fixed>,
     /// Bound of each joint's torque error in one tick, N m.
@@ -121,19 +120,10 @@ pub fn analyse(
     let table = Table::open(image).map_err(Mismatch::from)?;
     let header = table.header();
     let signals = signals(plan, header, law, limits);
-    let [
-        torque1,
-        torque2,
-        force,
-        angle,
-        root_slope,
-        slope_rate,
-        moment_arm,
-    ] = signals.map(|s| s.exponent);
+    let [torque1, torque2, force, root_slope, slope_rate, moment_arm] = signals.map(|s| s.exponent);
     let formats = Formats {
         torque: [torque1, torque2],
         force,
-        angle,
         root_slope,
         slope_rate,
         moment_arm,
@@ -181,10 +171,9 @@ pub fn analyse(
 
 /// Positions in the list of signals.
 const FORCE: usize = 2;
-const ANGLE: usize = 3;
-const ROOT_SLOPE: usize = 4;
-const SLOPE_RATE: usize = 5;
-const MOMENT_ARM: usize = 6;
+const ROOT_SLOPE: usize = 3;
+const SLOPE_RATE: usize = 4;
+const MOMENT_ARM: usize = 5;
 
 /// Ranges and formats of all signals.
 fn signals(
@@ -192,7 +181,7 @@ fn signals(
     header: &Header,
     law: &LawParameters,
     limits: &LimitParameters,
-) -> [Signal; 7] {
+) -> [Signal; 6] {
     let arm = &plan.model.arm;
     let normal = plan.normal_angle();
     let largest = |f: &dyn Fn(&crate::planner::plan::PlanPoint) -> f64| {
@@ -208,7 +197,6 @@ fn signals(
     let moment_arms = [largest(&moment_arm1), largest(&moment_arm2)];
     let pressed = [0, 1].map(|i| (torque[i] + plan.peaks.torque[i]) / moment_arms[i].max(1e-6));
     let force = plan.task.normal_force.abs() + pressed[0].max(pressed[1]);
-    let angle = largest(&|p| p.joint.angle[0].abs().max(p.joint.angle[1].abs())) + PI;
     let slope_rate = {
         let planned = largest(&|p| p.root_slope_rate);
         let answered = 2.0 * (torque[1] + plan.peaks.torque[1]) / law.slope_rate_nms_rad.abs();
@@ -234,7 +222,6 @@ fn signals(
     // Products of moment arm and force are shifted left, by none or more.
     let reaching = torque_format.map(|t| t.0 - moment_arm_format.0 - 1);
     let force_format = holding(2.0 * force, columns(2, 2).max(reaching[0]).max(reaching[1]));
-    let angle_format = holding(normal.abs() + angle, columns(3, 4).max(columns(7, 7)));
     let signal = |name, unit, admissible, exponent| Signal {
         name,
         unit,
@@ -245,7 +232,6 @@ fn signals(
         signal("torque1", "N m", torque[0], torque_format[0]),
         signal("torque2", "N m", torque[1], torque_format[1]),
         signal("force", "N", force, force_format),
-        signal("angle", "rad", angle, angle_format),
         signal(
             "root_slope",
             "rad",
@@ -283,14 +269,14 @@ struct Errors {
 }
 
 impl Errors {
-    fn new(signals: &[Signal; 7], header: &Header, law: &LawParameters, plan: &Plan) -> Self {
+    fn new(signals: &[Signal; 6], header: &Header, law: &LawParameters, plan: &Plan) -> Self {
         let unit = |i: usize| signals[i].exponent.unit();
         let ulp = |e: i32| libm::ldexp(1.0, e);
         // Splines: 16 units of 2^-28 of what the column's integers can hold, and of the
         // signal's own where those are coarser.
-        let spline = |column: usize, signal: usize| {
+        let spline = |column: usize, unit: f64| {
             let holds = ulp(30 - i32::from(header.scaling[column]));
-            16.0 * (ulp(-28) * holds).max(unit(signal))
+            16.0 * (ulp(-28) * holds).max(unit)
         };
         // A product with a gain: its mantissa and the rounding, 2^up units of the result.
         let scaled = |value: f64, from: Exponent, to: Exponent| {
@@ -299,7 +285,7 @@ impl Errors {
         };
         let force_format = signals[FORCE].exponent;
         let rate = f64::from(header.tick_rate_hz);
-        let force = spline(2, FORCE) + unit(FORCE);
+        let force = spline(2, unit(FORCE)) + unit(FORCE);
         let (derivative, proportional) = (law.force_derivative_s * rate, law.force_proportional);
         let force_correction = derivative.abs() * (2.0 * force + unit(FORCE))
             + scaled(derivative, force_format, force_format)
@@ -307,11 +293,10 @@ impl Errors {
             + scaled(proportional, force_format, force_format)
             + law.force_integral_per_s / rate * force
             + unit(FORCE);
-        // Argument: table, the binary angle's unit; then the polynomial.
-        let angle_scale = Fixed::angle_scale(signals[ANGLE].exponent);
-        let angle = spline(7, ANGLE) + 2.0 * PI * ulp(i32::from(angle_scale.up()) - 31);
+        // Argument: table, the measured angle's unit; then the polynomial.
+        let angle = spline(7, RADIANS_PER_UNIT) + 2.0 * RADIANS_PER_UNIT;
         let arm = &plan.model.arm;
-        let moment_arm = (arm.link1_length_m + arm.link2_length_m) * (angle + 4e-8)
+        let moment_arm = (arm.link1_length_m + arm.link2_length_m) * (angle + 3e-8)
             + scaled(
                 arm.link1_length_m,
                 Fixed::SINE,
@@ -323,7 +308,7 @@ impl Errors {
                 signals[MOMENT_ARM].exponent,
             );
         let slope_rate_gain = law.slope_rate_nms_rad.abs();
-        let slope_rate = spline(6, SLOPE_RATE) + 2.0 * unit(SLOPE_RATE);
+        let slope_rate = spline(6, unit(SLOPE_RATE)) + 2.0 * unit(SLOPE_RATE);
         let torque = [0, 1].map(|i| signals[i].exponent);
         let own = scaled(slope_rate_gain, signals[SLOPE_RATE].exponent, torque[1]);
         Self {
@@ -331,7 +316,7 @@ impl Errors {
             force_correction,
             moment_arm,
             slope_rate: slope_rate + own / slope_rate_gain.max(1e-12),
-            planned: [0, 1].map(|i| spline(i, i)),
+            planned: [0, 1].map(|i| spline(i, unit(i))),
             product: torque.map(|to| {
                 let up = Fixed::shift(signals[MOMENT_ARM].exponent, force_format, to);
                 ulp(i32::from(up)) * to.unit()
@@ -372,7 +357,7 @@ impl Analysis {
     pub fn admissible(&self) -> Measurement<f64> {
         let range = |i: usize| self.signals[i].admissible;
         Measurement {
-            angle: [range(ANGLE); 2],
+            angle: [PI; 2],
             root_slope: range(ROOT_SLOPE),
             root_slope_rate: range(SLOPE_RATE),
             force: range(FORCE),
