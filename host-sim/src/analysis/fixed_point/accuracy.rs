@@ -10,7 +10,7 @@
 //! - **adversarial**: every measured value at the ends of its fixed-point format or zero,
 //!   held until the integral is wound up, then flipping from tick to tick (derivative
 //!   spikes); drives that limit; with gains on force, derivative, integral and slope rate.
-//!   In fixed point signals saturate here, so the reference is [`exact::Exact`], which
+//!   In fixed point signals saturate here, so the reference is [`Exact`], which
 //!   saturates as they do and rounds nothing.
 
 use super::exact::Exact;
