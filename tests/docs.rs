@@ -259,7 +259,7 @@ fn the_tables_of_fixed_point_are_what_accuracy_says() {
         "angle",
         "root_slope",
         "slope_rate",
-        "lever",
+        "moment_arm",
     ];
     let rows = table("docs/fixed-point.md", "| signal | admissible |");
     assert_eq!(rows.len(), signals.len());

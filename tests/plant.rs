@@ -3,7 +3,7 @@
 use flexor_sim::planner::plan::{PlanOptions, plan};
 use flexor_sim::plant::PlantParameters;
 use flexor_sim::simulation::start::{Start, plant_for};
-use flexor_tests::{Reference, paper_arm, paper_task};
+use flexor_tests::{RefTable, paper_arm, paper_task};
 use std::cell::RefCell;
 
 #[test]
@@ -20,7 +20,7 @@ fn a_softer_plant_under_continuous_feedforward_equals_the_reference() {
         ..PlantParameters::default()
     };
     let mut plant = plant_for(&plan, &parameters, Start::PlanAtRest).unwrap();
-    let reference = Reference::read("forward_ff_only_plant_EI_x0.9.csv");
+    let reference = RefTable::read("forward_ff_only_plant_EI_x0.9.csv");
     let sampler = RefCell::new(plan.sampler());
     let mut rows = reference.rows.iter().peekable();
     for tick in 0..=plan.ticks {

@@ -1,4 +1,4 @@
-//! The figures: the arm's postures along its path, every case's time histories, and
+//! The figures: the arm's configurations along its path, every case's time histories, and
 //! the contact forces of the cases over each other.
 //!
 //! File names: `stick_figure.svg`, `contact_force_cases.svg` and, a case,

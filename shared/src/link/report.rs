@@ -142,12 +142,12 @@ pub struct SensorReport {
     pub homed: bool,
 }
 
-/// The digital inputs that guard the drives. Wired so that a broken wire reads as bad.
+/// The digital inputs that keep the drives off. Wired so that a broken wire reads as bad.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Interlocks {
     /// The emergency stop is released.
     pub estop_released: bool,
-    /// Both drives report to be well.
+    /// Both drives report to be ok.
     pub drives_ok: bool,
 }
 

@@ -325,7 +325,7 @@ impl<'a> Supervisor<'a> {
     }
 
     /// What the last tick sampled. Before the first tick: the sample at start, and nothing
-    /// fresh, released or well.
+    /// fresh, released or ok.
     pub fn sensors(&self) -> SensorReport {
         SensorReport {
             raw: self.sensing.raw(),
