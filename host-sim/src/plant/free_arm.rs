@@ -265,14 +265,7 @@ impl<T: Lanes> FreeArm<T> {
         let turn1 = (m22 * right1 - m12 * right2) * scale;
         let turn2 = (m11 * right2 - m21 * right1) * scale;
 
-        let by1 = lever * turn1;
-        for ((a, b), p) in acceleration
-            .iter_mut()
-            .zip(&self.first_moment)
-            .zip(&self.second_moment)
-        {
-            *a -= *b * by1 + *p * turn2;
-        }
+        self.follow(acceleration, lever * turn1, turn2);
         if self.geometric.is_some() {
             let by1 = sway * turn1;
             for (a, x) in acceleration.iter_mut().zip(&scratch.axial) {
@@ -280,6 +273,19 @@ impl<T: Lanes> FreeArm<T> {
             }
         }
         [turn1, turn2]
+    }
+
+    /// Takes what the joints' accelerations carry along off the modal accelerations: `across`
+    /// (m/s^2, joint 2's across link 2) and `turn` (theta20'', rad/s^2).
+    #[inline]
+    fn follow(&self, acceleration: &mut [T], across: T, turn: T) {
+        for ((a, b), p) in acceleration
+            .iter_mut()
+            .zip(&self.first_moment)
+            .zip(&self.second_moment)
+        {
+            *a -= *b * across + *p * turn;
+        }
     }
 
     /// Writes the modal accelerations with the joints held to `free`, for the specific force
