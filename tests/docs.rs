@@ -359,7 +359,8 @@ fn the_ticks_figures_are_the_budgets() {
     let document = read("docs/firmware.md").replace('\n', " ");
     let sentence = format!(
         "takes {} instructions in the median and {} at most",
-        figures["tick_instructions_median"], figures["tick_instructions_max"]
+        with_commas(&figures["tick_instructions_median"]),
+        with_commas(&figures["tick_instructions_max"])
     );
     assert!(document.contains(&sentence), "no {sentence:?}");
 

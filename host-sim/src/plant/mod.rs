@@ -1,5 +1,10 @@
 //! The simulated arm, one physical law a file. It knows the model and nothing of the planner.
+//!
+//! Two plants: [`Plant`], its tip held on a rigid surface, which stability is proved for, and
+//! the one in `bench`, with contact, friction, drives and sensors as they are.
 
+#[cfg(feature = "bench")]
+pub mod bench;
 mod friction;
 pub mod integrator;
 mod parameters;
