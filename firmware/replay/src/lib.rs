@@ -6,7 +6,7 @@
 //!   its rate, force;
 //! - out, `commands.bin`: four words first (counts of 100,000 `nop`s, bytes of a
 //!   controller, bytes of stack that a tick takes, runs a count is for), then four words a
-//!   tick: the bits of both torques, limits and fault, stopwatch counts.
+//!   tick: the bits of both torques, limits and fault, ticks of the stopwatch.
 //!
 //! The stopwatch, SysTick, is coarse: one count is 40 to 62 instructions. Each tick is
 //! therefore run several times over on copies of the controller, and copying without the

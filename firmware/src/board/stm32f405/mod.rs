@@ -220,7 +220,7 @@ impl Board for TickBoard {
 
     #[inline]
     fn stopwatch(&self) -> u32 {
-        self.stopwatch.counts()
+        self.stopwatch.ticks_hw()
     }
 }
 
@@ -447,7 +447,7 @@ impl Stopwatch {
     }
 
     #[inline]
-    fn counts(&self) -> u32 {
+    fn ticks_hw(&self) -> u32 {
         if self.cycles {
             DWT::cycle_count()
         } else {
