@@ -1,7 +1,9 @@
 //! The structure that docs/architecture.md promises: imports run one way, no file is long.
 //!
 //! Sources are read as text. A *wing* is a folder (or a file) directly below `src`; an import is a
-//! path that begins with `crate::` or, within a wing, `super::`, outside of unit tests.
+//! path that begins with `crate::` or, within a wing, `super::`, outside of unit tests. What a
+//! wing's `mod.rs` holds besides its files, and what files take from it, is not followed when
+//! circles are looked for.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
