@@ -37,7 +37,7 @@ const IDENTITY: Identity = Identity {
     tick_rate_hz: 5000,
     core_hz: 168_000_000,
     stopwatch_hz: 84_000_000,
-    counts_per_1000_nops: 500,
+    ticks_hw_per_1000_nops: 500,
     clock: ClockSource::Crystal,
     start: StartReason::Watchdog,
 };
@@ -72,7 +72,7 @@ impl Board {
                     tick: self.tick,
                     fault: self.fault,
                     ticks_total: 1234,
-                    counts_max: 84,
+                    ticks_hw_max: 84,
                     stack_bytes: 2500,
                     frame_errors: FrameErrors {
                         crc: 3,

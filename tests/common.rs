@@ -14,13 +14,13 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 /// A reference file of numbers: the header's names and the rows.
 #[derive(Debug)]
-pub struct Reference {
+pub struct RefTable {
     names: Vec<String>,
     /// Rows in the file's order.
     pub rows: Vec<Vec<f64>>,
 }
 
-impl Reference {
+impl RefTable {
     /// Reads `reference/<name>`.
     ///
     /// # Panics

@@ -272,7 +272,7 @@ fn undefined_measurements_stop_the_torques_for_good() {
 #[test]
 fn a_limited_integrator_recovers_at_once() {
     // Torque limits that the wanted force cannot be reached within: the integral must
-    // not grow, whatever limits (the guard here, the drive below).
+    // not grow, whatever limits (the limiter here, the drive below).
     let arm = paper_arm();
     let (_, table) = planned(&arm, &paper_task());
     let opened = Table::open(&table.image).unwrap();

@@ -259,7 +259,7 @@ fn the_tables_of_fixed_point_are_what_accuracy_says() {
         "angle",
         "root_slope",
         "slope_rate",
-        "lever",
+        "moment_arm",
     ];
     let rows = table("docs/fixed-point.md", "| signal | admissible |");
     assert_eq!(rows.len(), signals.len());
@@ -330,4 +330,54 @@ fn every_fault_has_its_section() {
     }
     let sections = document.matches("**Cause.**").count();
     assert_eq!(sections, flexor::fault::Fault::ALL.len());
+}
+
+/// The figures of the first compiler in a budget that has them all.
+fn measured(budget: &str) -> toml::Table {
+    let budget: toml::Table = read(budget).parse().unwrap();
+    let compilers = budget["measured"].as_table().unwrap();
+    compilers
+        .values()
+        .next()
+        .unwrap()
+        .as_table()
+        .unwrap()
+        .clone()
+}
+
+/// A number as documents show it: thousands apart.
+fn with_commas(number: &toml::Value) -> String {
+    let digits = number.as_integer().unwrap().to_string();
+    let parts: Vec<&[u8]> = digits.as_bytes().rchunks(3).rev().collect();
+    let parts = parts.iter().map(|part| std::str::from_utf8(part).unwrap());
+    parts.collect::<Vec<_>>().join(",")
+}
+
+#[test]
+fn the_ticks_figures_are_the_budgets() {
+    let figures = measured("firmware/budget.toml");
+    let document = read("docs/firmware.md").replace('\n', " ");
+    let sentence = format!(
+        "takes {} instructions in the median and {} at most",
+        with_commas(&figures["tick_instructions_median"]),
+        with_commas(&figures["tick_instructions_max"])
+    );
+    assert!(document.contains(&sentence), "no {sentence:?}");
+
+    let figures = measured("firmware/replay/budget.toml");
+    let document = read("docs/fixed-point.md");
+    for core in ["m0", "m3"] {
+        for (number, shown) in [("fixed", "fixed"), ("float", "f32")] {
+            let of = |what: &str| with_commas(&figures[&format!("{core}_{number}_{what}")]);
+            let row = format!(
+                "| {shown} | {} | {} | {} | {} | {} |",
+                of("instructions_median"),
+                of("instructions_max"),
+                of("tick_flash_bytes"),
+                of("controller_bytes"),
+                of("stack_bytes")
+            );
+            assert!(document.contains(&row), "no {row:?}");
+        }
+    }
 }

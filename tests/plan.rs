@@ -9,7 +9,7 @@ use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::task::{Equations, PlanError, Task, Window};
 use flexor_sim::plant::PlantParameters;
 use flexor_sim::simulation::start::{Start, plant_for};
-use flexor_tests::{Reference, fast_task, paper_arm, paper_task};
+use flexor_tests::{RefTable, fast_task, paper_arm, paper_task};
 use proptest::prelude::*;
 use std::cell::RefCell;
 
@@ -27,7 +27,7 @@ fn assert_equals(file: &str, arm: &ArmParameters, task: &Task, elements: usize, 
         ..PlanOptions::default()
     };
     let plan = plan(arm, task, &options).unwrap();
-    let reference = Reference::read(file);
+    let reference = RefTable::read(file);
     let column = |name| reference.column(name);
     let (theta10, tau1) = (column("theta10_rad"), column("tau1_Nm"));
     let (w0, rate) = (column("w0"), column("root_slope_rate_rad_s"));

@@ -1,7 +1,9 @@
 //! The structure that docs/architecture.md promises: imports run one way, no file is long.
 //!
 //! Sources are read as text. A *wing* is a folder (or a file) directly below `src`; an import is a
-//! path that begins with `crate::` or, within a wing, `super::`, outside of unit tests.
+//! path that begins with `crate::` or, within a wing, `super::`, outside of unit tests. What a
+//! wing's `mod.rs` holds besides its files, and what files take from it, is not followed when
+//! circles are looked for.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -221,4 +223,69 @@ fn no_file_is_long() {
             assert!(lines <= FILE_LINES_MAX, "{}: {lines} lines", file.display());
         }
     }
+}
+
+/// A function that is no test has at most this many lines.
+const FUNCTION_LINES_MAX: usize = 70;
+
+/// The functions in `code` with their numbers of lines, from `fn` to the closing brace. Sources
+/// are formatted, so that brace stands as far in as the function's first line.
+fn functions(code: &str) -> Vec<(&str, usize)> {
+    let lines: Vec<&str> = code.lines().collect();
+    let mut found = Vec::new();
+    for (start, line) in lines.iter().enumerate() {
+        let inside = line.trim_start();
+        let words: Vec<&str> = inside.split(' ').collect();
+        let Some(at) = words.iter().position(|word| *word == "fn") else {
+            continue;
+        };
+        let qualifiers = [
+            "pub",
+            "pub(crate)",
+            "pub(super)",
+            "const",
+            "unsafe",
+            "extern",
+            "\"C\"",
+        ];
+        if !words[..at].iter().all(|word| qualifiers.contains(word)) {
+            continue;
+        }
+        let indent = &line[..line.len() - inside.len()];
+        // The signature's end says whether there is a body.
+        let body = lines[start..]
+            .iter()
+            .position(|l| l.ends_with(['{', ';', '}']));
+        let body = start + body.unwrap_or(0);
+        let closing = format!("{indent}}}");
+        let end = match lines[body].ends_with('{') {
+            true => lines[body..]
+                .iter()
+                .position(|l| *l == closing)
+                .map(|n| body + n),
+            false => Some(body),
+        };
+        let name = words.get(at + 1).copied().unwrap_or_default();
+        found.push((name, end.unwrap_or(body) + 1 - start));
+    }
+    found
+}
+
+#[test]
+fn no_function_is_long() {
+    let mut count = 0;
+    for folder in ["shared/src", "host-sim/src", "firmware", "xtask/src"] {
+        for file in sources(&root().join(folder)) {
+            let text = code(&file);
+            for (name, lines) in functions(&text) {
+                count += 1;
+                assert!(
+                    lines <= FUNCTION_LINES_MAX,
+                    "{}: {name} has {lines} lines",
+                    file.display()
+                );
+            }
+        }
+    }
+    assert!(count > 500, "only {count} functions were found");
 }

@@ -27,7 +27,7 @@ pub struct LineErrors {
 pub struct Comms {
     parameters: Option<ControllerParameters>,
     clocks: Clocks,
-    counts_per_1000_nops: u32,
+    ticks_hw_per_1000_nops: u32,
     start: StartReason,
     /// Where the next controller is made, apart from the tick's.
     prepared: ControllerSlot<'static>,
@@ -37,14 +37,14 @@ impl Comms {
     /// Reads the image's setup.
     pub fn new(
         clocks: &Clocks,
-        counts_per_1000_nops: u32,
+        ticks_hw_per_1000_nops: u32,
         start: StartReason,
         prepared: ControllerSlot<'static>,
     ) -> Self {
         Self {
             parameters: flash_slots::setup().map(|setup| ControllerParameters::from(&setup)),
             clocks: *clocks,
-            counts_per_1000_nops,
+            ticks_hw_per_1000_nops,
             start,
             prepared,
         }
@@ -72,7 +72,7 @@ impl Comms {
             tick_rate_hz: TICK_RATE_HZ,
             core_hz: self.clocks.core_hz,
             stopwatch_hz: self.clocks.stopwatch_hz,
-            counts_per_1000_nops: self.counts_per_1000_nops,
+            ticks_hw_per_1000_nops: self.ticks_hw_per_1000_nops,
             clock: self.clocks.source,
             start: self.start,
         })
@@ -192,14 +192,14 @@ fn status(supervisor: &mut impl Mutex<T = Supervisor<'static>>, line: LineErrors
         tick,
         fault,
         ticks_total,
-        counts_max,
+        ticks_hw_max,
     } = supervisor.lock(|s| s.status());
     Reply::Status(Status {
         mode,
         tick,
         fault,
         ticks_total,
-        counts_max,
+        ticks_hw_max,
         stack_bytes: stack::deepest(),
         frame_errors: line.frames,
         bytes_lost: line.bytes_lost,

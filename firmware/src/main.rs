@@ -23,15 +23,15 @@ mod identity;
 mod log;
 mod stack;
 
-/// Stopwatch counts that 1,000 `nop` instructions take, with no interrupt between.
+/// Ticks of the stopwatch that 1,000 `nop` instructions take, with no interrupt between.
 fn calibrate(board: &impl flexor::supervisor::Board) -> u32 {
     let begun = board.stopwatch();
     // SAFETY: assembles to 1,000 nops and nothing else.
     unsafe { core::arch::asm!(".rept 1000", "nop", ".endr", options(nomem, nostack)) };
-    let counts = board.stopwatch().wrapping_sub(begun);
+    let ticks_hw = board.stopwatch().wrapping_sub(begun);
     // Less what two readings of the stopwatch take by themselves.
     let begun = board.stopwatch();
-    counts.wrapping_sub(board.stopwatch().wrapping_sub(begun))
+    ticks_hw.wrapping_sub(board.stopwatch().wrapping_sub(begun))
 }
 
 #[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]

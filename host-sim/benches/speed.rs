@@ -3,10 +3,15 @@
 use flexor_sim::analysis::stability::linear::{Linear, OperatingPoint};
 use flexor_sim::analysis::stability::path::Report;
 use flexor_sim::files::config;
+use flexor_sim::model::configuration::Surface;
 use flexor_sim::planner::limits::default_limits;
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::table_fit;
 use flexor_sim::plant::PlantParameters;
+use flexor_sim::plant::bench::lanes::Lanes;
+use flexor_sim::plant::bench::{
+    CompliantArm, CompliantParameters, CompliantPlant, F64x4, SurfaceFeature, SurfaceProfile,
+};
 use flexor_sim::plant::spread::PlantVariant;
 use flexor_sim::simulation::cases;
 use flexor_sim::simulation::closed_loop::{RunOptions, Simulation};
@@ -53,6 +58,84 @@ fn simulate_2_s(bencher: divan::Bencher<'_, '_>, elements: usize) {
         }
         plant
     });
+}
+
+/// One second of the bench's plant at 5 kHz ticks, in as many lanes as `T` has, on an ideal
+/// contact, single thread. Lanes by time (s) are plants in real time.
+#[divan::bench(types = [f64, F64x4], args = [3, 4, 8, 12])]
+fn bench_plant_1_s<T: Lanes>(bencher: divan::Bencher<'_, '_>, elements: usize) {
+    compliant::<T>(bencher, elements, &ideal(2e4));
+}
+
+/// The same with eight elements on contacts of other stiffness, N/m.
+#[divan::bench(types = [f64, F64x4], args = [2e3, 2e4, 1e5, 1e6])]
+fn bench_plant_1_s_by_stiffness<T: Lanes>(bencher: divan::Bencher<'_, '_>, stiffness: f64) {
+    compliant::<T>(bencher, 8, &ideal(stiffness));
+}
+
+/// The same with everything on: friction, cogging, rotors, lag, waviness, a hole, geometric
+/// stiffness.
+#[divan::bench(types = [f64, F64x4], args = [4, 8])]
+fn bench_plant_1_s_with_everything<T: Lanes>(bencher: divan::Bencher<'_, '_>, elements: usize) {
+    let mut parameters = ideal(2e4);
+    parameters.contact.friction = 0.3;
+    parameters.contact.friction_at_rest = 0.35;
+    parameters.geometric_stiffness = true;
+    parameters.surface.waviness_m = 1e-4;
+    parameters.surface.features = vec![SurfaceFeature::Hole {
+        from_m: 0.4,
+        to_m: 0.41,
+        depth_m: 1e-3,
+        wall_m: 1e-3,
+    }];
+    for (joint, drive) in parameters.joints.iter_mut().zip(&mut parameters.drives) {
+        joint.friction.coulomb_nm = 0.05;
+        joint.friction.breakaway_nm = 0.06;
+        joint.cogging.amplitude_nm = 0.01;
+        joint.rotor_inertia_kgm2 = 3e-5;
+        drive.bandwidth_hz = Some(300.0);
+    }
+    compliant::<T>(bencher, elements, &parameters);
+}
+
+/// The paper's surface with a contact of `stiffness` N/m.
+fn ideal(stiffness: f64) -> CompliantParameters {
+    let surface = Surface {
+        normal: [0.0, 1.0],
+        offset_m: 0.05,
+    };
+    let mut parameters = CompliantParameters::ideal(SurfaceProfile::flat(surface));
+    parameters.contact.stiffness_n_m = stiffness;
+    parameters
+}
+
+fn compliant<T: Lanes>(
+    bencher: divan::Bencher<'_, '_>,
+    elements: usize,
+    parameters: &CompliantParameters,
+) {
+    let plan = paper(2.0);
+    let model = parameters
+        .model(&plan.model.arm, elements)
+        .expect("a model");
+    let start = parameters
+        .rest(&model, 0.7, plan.task.normal_force)
+        .expect("a start");
+    let arm = CompliantArm {
+        model: &model,
+        parameters,
+        start: &start,
+    };
+    let arms = vec![arm; T::LANES];
+    let plant = CompliantPlant::<T>::new(&arms, 2e-4, &[]).expect("a plant");
+    bencher
+        .with_inputs(|| plant.clone())
+        .bench_values(|mut plant| {
+            for point in plan.points.iter().take(5000) {
+                plant.advance(point.torque.map(T::from_f64));
+            }
+            plant
+        });
 }
 
 /// Plant, measurement, controller in f32 and log: 2 s at 5 kHz ticks, single thread.

@@ -186,9 +186,8 @@ mod tests {
 
     #[test]
     fn only_a_table_for_the_firmwares_rate_is_flashed() {
-        let folder = env::temp_dir().join(format!("flexor-flash-{}", std::process::id()));
-        fs::create_dir_all(&folder).unwrap();
-        let file = folder.join("table.bin");
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("table.bin");
         let mut image = inputs::demo().unwrap().table.image;
         fs::write(&file, &image).unwrap();
         check_table(&file).unwrap();
@@ -205,6 +204,5 @@ mod tests {
         fs::write(&file, [0xff; 100]).unwrap();
         let words = check_table(&file).unwrap_err().to_string();
         assert!(words.contains("table.bin is no table"), "{words}");
-        fs::remove_dir_all(folder).unwrap();
     }
 }

@@ -123,9 +123,8 @@ mod tests {
 
     /// The message for files of which one is `text`.
     fn refusal(name: &str, text: &str, files: fn(PathBuf) -> Files) -> String {
-        let folder = std::env::temp_dir().join(format!("flexor-xtask-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).unwrap();
-        let file = folder.join(name);
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join(name);
         std::fs::write(&file, text).unwrap();
         let Err(error) = plan_files(&files(file)) else {
             panic!("{name} was accepted");

@@ -6,7 +6,7 @@
 //!   its rate, force;
 //! - out, `commands.bin`: four words first (counts of 100,000 `nop`s, bytes of a
 //!   controller, bytes of stack that a tick takes, runs a count is for), then four words a
-//!   tick: the bits of both torques, limits and fault, stopwatch counts.
+//!   tick: the bits of both torques, limits and fault, ticks of the stopwatch.
 //!
 //! The stopwatch, SysTick, is coarse: one count is 40 to 62 instructions. Each tick is
 //! therefore run several times over on copies of the controller, and copying without the
@@ -143,6 +143,37 @@ pub fn replay<T: Bits>(coefficients: &[u8]) -> ! {
     }
 }
 
+/// A measurement as the host wrote it: five numbers' bits.
+fn measurement<T: Bits>(bytes: &[u8; MEASUREMENT_BYTES]) -> Measurement<T> {
+    let (words, _) = bytes.as_chunks::<4>();
+    let word = |i: usize| T::of_bits(words.get(i).map_or(0, |bytes| u32::from_le_bytes(*bytes)));
+    Measurement {
+        angle: [word(0), word(1)],
+        root_slope: word(2),
+        root_slope_rate: word(3),
+        force: word(4),
+        drive: [Saturation::None; 2],
+    }
+}
+
+/// What the host reads of a tick: both torques' bits, saturations and fault, instructions.
+fn answer<T: Bits>(output: &Output<T>, counts: u32) -> [u32; 4] {
+    let side = |saturation| match saturation {
+        Saturation::None => 0,
+        Saturation::Upper => 1,
+        Saturation::Lower => 2,
+    };
+    let [first, second] = output.saturation.map(side);
+    let fault = output.fault.map_or(0, Fault::number);
+    let state = u32::from_le_bytes([first, second, fault, 0]);
+    [
+        output.torque[0].bits(),
+        output.torque[1].bits(),
+        state,
+        counts,
+    ]
+}
+
 fn run<T: Bits>(coefficients: &[u8]) -> Option<()> {
     let mut systick = cortex_m::Peripherals::take()?.SYST;
     systick.set_clock_source(SystClkSource::Core);
@@ -177,16 +208,7 @@ fn run<T: Bits>(coefficients: &[u8]) -> Option<()> {
         let (batch, _) = measurements.get(..length)?.as_chunks::<MEASUREMENT_BYTES>();
         let (places, _) = answers.as_chunks_mut::<COMMAND_BYTES>();
         for (bytes, place) in batch.iter().zip(places) {
-            let (words, _) = bytes.as_chunks::<4>();
-            let word =
-                |i: usize| T::of_bits(words.get(i).map_or(0, |bytes| u32::from_le_bytes(*bytes)));
-            let measured = Measurement {
-                angle: [word(0), word(1)],
-                root_slope: word(2),
-                root_slope_rate: word(3),
-                force: word(4),
-                drive: [Saturation::None; 2],
-            };
+            let measured = measurement(bytes);
             let start = SYST::get_current();
             for _ in 0..RUNS {
                 let mut copy = controller.clone();
@@ -201,20 +223,7 @@ fn run<T: Bits>(coefficients: &[u8]) -> Option<()> {
             }
             let counts = both.saturating_sub(since(start));
             flexor_tick(&mut controller, &measured, &mut output);
-            let side = |saturation| match saturation {
-                Saturation::None => 0,
-                Saturation::Upper => 1,
-                Saturation::Lower => 2,
-            };
-            let [first, second] = output.saturation.map(side);
-            let fault = output.fault.map_or(0, Fault::number);
-            let state = u32::from_le_bytes([first, second, fault, 0]);
-            let words = [
-                output.torque[0].bits(),
-                output.torque[1].bits(),
-                state,
-                counts,
-            ];
+            let words = answer(&output, counts);
             let (place, _) = place.as_chunks_mut::<4>();
             for (place, word) in place.iter_mut().zip(words) {
                 *place = word.to_le_bytes();

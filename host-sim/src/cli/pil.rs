@@ -137,9 +137,9 @@ fn compare(args: &PilArgs, simulation: &Simulation) -> Result<Compared, CliError
 /// What a processor in the loop adds to the summary.
 fn pil_json(target: &Target, pil: &PilRun) -> Map<String, Value> {
     let spread = pil.counts_spread();
-    let [min, median, max] = spread.map(|counts| target.instructions(counts));
+    let [min, median, max] = spread.map(|ticks_hw| target.instructions(ticks_hw));
     let (version, git) = firmware_version(target.identity());
-    let [cycles_min, cycles_median, cycles_max] = spread.map(|counts| target.cycles(counts));
+    let [cycles_min, cycles_median, cycles_max] = spread.map(|ticks_hw| target.cycles(ticks_hw));
     export::object([
         ("differing_commands", json!(pil.differing_commands)),
         ("first_difference", json!(pil.first_difference)),

@@ -7,11 +7,17 @@ use std::sync::atomic::{AtomicBool, Ordering};
 static STOP: AtomicBool = AtomicBool::new(false);
 
 /// A flag that is set when the process is asked to end, which from now on does not end it:
-/// whoever calls this must look at the flag. For once in a process.
+/// whoever calls this must look at the flag. A later call clears it and uses the same handler:
+/// a process has one.
 ///
 /// # Errors
 /// [`CliError::Signals`] if signals cannot be caught.
 pub(super) fn stop_flag() -> Result<&'static AtomicBool, CliError> {
-    ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed))?;
+    match ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed)) {
+        // This handler: nothing else in the program sets one.
+        Ok(()) | Err(ctrlc::Error::MultipleHandlers) => {}
+        Err(error) => return Err(error.into()),
+    }
+    STOP.store(false, Ordering::Relaxed);
     Ok(&STOP)
 }

@@ -221,14 +221,6 @@ impl ArmModel {
         self.stiffness.len()
     }
 
-    /// Natural frequencies of the pinned beam, Hz, ascending.
-    pub fn frequencies_hz(&self) -> Vec<f64> {
-        self.angular_frequency
-            .iter()
-            .map(|w| w / core::f64::consts::TAU)
-            .collect()
-    }
-
     /// Slope at the root, rad, of modal coordinates (or its rate, of their rates).
     pub fn slope_at_root(&self, q: &[f64]) -> f64 {
         dot(&self.root_slope, q)

@@ -16,7 +16,7 @@ use crate::model::configuration::{Configuration, State, Surface};
 use crate::model::dynamics;
 use crate::model::forward::{Actuation, Workspace, forward};
 use crate::plant::PlantParameters;
-use crate::plant::friction::friction;
+use crate::plant::friction::{friction, steepest};
 use crate::plant::integrator::{Integrator, STEP_TIMES_FREQUENCY};
 use flexor::number::Real;
 
@@ -209,7 +209,8 @@ impl Plant {
         if self.parameters.substeps.is_some() {
             return Ok(());
         }
-        let frequency = highest_frequency(&self.model, &self.surface, angle);
+        let steepest = steepest(&self.parameters);
+        let frequency = highest_frequency(&self.model, steepest, &self.surface, angle);
         let needed = (frequency * self.period / STEP_TIMES_FREQUENCY).ceil();
         if !(needed <= f64::from(SUBSTEPS_MAX)) {
             return Err(PlantError::TooStiff {
@@ -334,10 +335,21 @@ impl Plant {
     }
 }
 
-/// Upper bound on the angular frequencies, rad/s, of the arm at `angle` with its tip
-/// on `surface`: eliminating the motion along it leaves the modes with a reduced mass
-/// `1 - h h' / m`, whose stiffness is at most `omega_max^2 + |omega h|^2 / (m - h.h)`.
-fn highest_frequency(model: &ArmModel, surface: &Surface, angle: [f64; 2]) -> f64 {
+/// Upper bound on the magnitudes, rad/s, of the eigenvalues of the arm at `angle` with its
+/// tip on `surface` and friction of the slopes `friction` (N m s/rad) in the two joints.
+///
+/// Eliminating the motion along it leaves the modes with a reduced mass `1 - h h' / m`, whose
+/// stiffness is at most `omega^2 = omega_max^2 + |omega h|^2 / (m - h.h)`. Friction on a joint
+/// whose rate is `j` times the sliding speed plus `e.q'` adds a damping of at most its slope
+/// times that rate's mobility, `e.e + (j - h.e)^2 / (m - h.h)`, in a direction of unit mass:
+/// on a root without inertia it is what the step must be short for. Stiffness at most
+/// `omega^2` and damping at most `d` bound the eigenvalues by `d/2 + sqrt(d^2/4 + omega^2)`.
+fn highest_frequency(
+    model: &ArmModel,
+    friction: [f64; 2],
+    surface: &Surface,
+    angle: [f64; 2],
+) -> f64 {
     let configuration = Configuration::new(model, angle);
     let (r1, r2) = (model.arm.link1_length_m, model.arm.link2_length_m);
     // Rates of the two angles when the tip slides.
@@ -348,15 +360,22 @@ fn highest_frequency(model: &ArmModel, surface: &Surface, angle: [f64; 2]) -> f6
     let mass = (model.link1_inertia + model.link2_mass * r1 * r1) * slide[0] * slide[0]
         + 2.0 * r1 * model.link2_moment * configuration.c * slide[0] * slide[1]
         + model.link2_inertia * slide[1] * slide[1];
-    let (mut coupling, mut stiffness) = (0.0, 0.0);
+    let (mut coupling, mut stiffness, mut root_coupling) = (0.0, 0.0, 0.0);
     for i in 0..model.dof() {
         let h = slide[0] * r1 * configuration.c * model.first_moment[i]
             + slide[1] * model.second_moment[i];
         coupling += h * h;
         stiffness += h * h * model.stiffness[i];
+        root_coupling += h * model.root_slope[i];
     }
     let highest = model.angular_frequency.last().copied().unwrap_or(0.0);
-    (highest * highest + stiffness / (mass - coupling)).sqrt()
+    let squared = highest * highest + stiffness / (mass - coupling);
+
+    let root = dot(&model.root_slope, &model.root_slope);
+    let joint2 = slide[1] - slide[0] - root_coupling;
+    let mobility = [slide[0] * slide[0], joint2 * joint2].map(|j| j / (mass - coupling));
+    let damping = friction[0] * mobility[0] + friction[1] * (root + mobility[1]);
+    0.5 * damping + (0.25 * damping * damping + squared).sqrt()
 }
 
 #[cfg(test)]
@@ -506,7 +525,7 @@ mod tests {
     #[test]
     fn the_frequency_bound_bounds_and_is_tight() {
         let plant = ringing(PERIOD_S, None, 8);
-        let bound = highest_frequency(&plant.model, &plant.surface, [0.96, -0.71]);
+        let bound = highest_frequency(&plant.model, [0.0; 2], &plant.surface, [0.96, -0.71]);
         let highest = plant.model.angular_frequency.last().copied().unwrap();
         assert!(
             bound >= highest && bound < 3.0 * highest,

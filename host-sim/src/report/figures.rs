@@ -1,4 +1,4 @@
-//! The figures: the arm's postures along its path, every case's time histories, and
+//! The figures: the arm's configurations along its path, every case's time histories, and
 //! the contact forces of the cases over each other.
 //!
 //! File names: `stick_figure.svg`, `contact_force_cases.svg` and, a case,
@@ -170,7 +170,8 @@ mod tests {
             plan: &plan,
             run: &run,
         };
-        let folder = std::env::temp_dir().join(format!("flexor-figures-{}", std::process::id()));
+        let scratch = tempfile::tempdir().unwrap();
+        let folder = scratch.path().join("new");
         let cases = [case("feedback"), case("../My Run"), case("feedback")];
         let paths = write_figures(&folder, &cases).unwrap();
         let names: Vec<&str> = paths
@@ -198,7 +199,6 @@ mod tests {
             write_figures(&folder, &[]),
             Err(ReportError::NoCases)
         ));
-        std::fs::remove_dir_all(&folder).unwrap();
     }
 
     #[test]

@@ -14,13 +14,12 @@ mod qemu;
 #[cfg(feature = "target")]
 mod session;
 #[cfg(feature = "target")]
-#[allow(clippy::module_inception)]
+#[expect(clippy::module_inception, reason = "the wing's main file has its name")]
 mod target;
 
 #[cfg(feature = "target")]
 pub use error::{TargetError, describe_start};
 pub use layout::{DEFAULT_ELF, SLOT_ADDRESSES, SLOT_BYTES};
-#[cfg(feature = "target")]
 #[cfg(feature = "target")]
 pub use log::Logs;
 #[cfg(feature = "target")]

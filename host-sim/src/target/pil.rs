@@ -69,8 +69,8 @@ pub struct PilRun {
     pub differing_commands: usize,
     /// The first of them.
     pub first_difference: Option<usize>,
-    /// Stopwatch counts of each tick.
-    pub counts: Vec<u32>,
+    /// Stopwatch ticks_hw of each tick.
+    pub ticks_hw: Vec<u32>,
     /// Status at the end.
     pub status: Status,
     /// Time that the run took, s.
@@ -78,9 +78,9 @@ pub struct PilRun {
 }
 
 impl PilRun {
-    /// Least, median and most counts of a tick.
+    /// Least, median and most ticks_hw of a tick.
     pub fn counts_spread(&self) -> [u32; 3] {
-        let mut sorted = self.counts.clone();
+        let mut sorted = self.ticks_hw.clone();
         sorted.sort_unstable();
         let at = |i: usize| sorted.get(i).copied().unwrap_or(0);
         [
@@ -147,22 +147,22 @@ pub fn run(
     };
     let slot = start_with(target, image, &Setup::from(&parameters))?;
     let begun = Instant::now();
-    let mut counts = Vec::with_capacity(plan.points.len());
+    let mut ticks_hw = Vec::with_capacity(plan.points.len());
     let mut differing_commands = 0;
     let mut first_difference = None;
     let mut simulation = Simulation::<f32>::new(plan, image, options)?;
     let mut log = RunLog::new(&simulation);
     while let Some(step) = simulation.step_with(|measured, own| {
-        let tick = counts.len();
+        let tick = ticks_hw.len();
         let reply = target.tick(tick as u32, measured)?;
         if !same(&reply, &own) {
             differing_commands += 1;
             first_difference.get_or_insert(tick);
         }
-        counts.push(reply.counts);
+        ticks_hw.push(reply.ticks_hw);
         if progress(tick).is_break() {
             return Err(PilError::Interrupted {
-                done: counts.len(),
+                done: ticks_hw.len(),
                 all: plan.points.len(),
             });
         }
@@ -176,12 +176,12 @@ pub fn run(
         log.add(&step, simulation.plant());
     }
     Ok(PilRun {
-        ticks: counts.len(),
+        ticks: ticks_hw.len(),
         run: log.finish(),
         slot,
         differing_commands,
         first_difference,
-        counts,
+        ticks_hw,
         wall_s: begun.elapsed().as_secs_f64(),
         status: target.status()?,
     })

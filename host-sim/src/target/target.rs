@@ -205,18 +205,18 @@ impl Target {
         self.session.reply(awaited)
     }
 
-    /// Instructions for stopwatch counts; `None` on hardware, whose stopwatch counts time.
-    pub fn instructions(&self, counts: u32) -> Option<u32> {
-        let nops = u64::from(self.identity.counts_per_1000_nops);
+    /// Instructions for ticks of the stopwatch; `None` on hardware, whose stopwatch counts time.
+    pub fn instructions(&self, ticks_hw: u32) -> Option<u32> {
+        let nops = u64::from(self.identity.ticks_hw_per_1000_nops);
         if !self.counts_instructions || nops == 0 {
             return None;
         }
-        u32::try_from((u64::from(counts) * 1000 + nops / 2) / nops).ok()
+        u32::try_from((u64::from(ticks_hw) * 1000 + nops / 2) / nops).ok()
     }
 
-    /// Core cycles for stopwatch counts; `None` in the emulator, which does not know them.
+    /// Core cycles for ticks of the stopwatch; `None` in the emulator, which does not know them.
     /// The stopwatch counts them, or a timer's clock where the core has no such counter.
-    pub fn cycles(&self, counts: u32) -> Option<u32> {
+    pub fn cycles(&self, ticks_hw: u32) -> Option<u32> {
         let Identity {
             core_hz,
             stopwatch_hz,
@@ -225,7 +225,7 @@ impl Target {
         if self.counts_instructions {
             return None;
         }
-        let cycles = u64::from(counts) * u64::from(core_hz) / u64::from(stopwatch_hz.max(1));
+        let cycles = u64::from(ticks_hw) * u64::from(core_hz) / u64::from(stopwatch_hz.max(1));
         u32::try_from(cycles).ok()
     }
 }

@@ -10,6 +10,8 @@ mod controller;
 mod law;
 mod limiter;
 
-pub use controller::*;
-pub use law::*;
-pub use limiter::*;
+pub use controller::{Coefficients, Command, Controller, Mismatch};
+pub use law::{
+    Coefficient, ForceProjection, Law, LawParameters, LawState, SlopeRateFeedback, TorqueDemand,
+};
+pub use limiter::{LimitParameters, TorqueLimiter};

@@ -40,11 +40,11 @@
 //!
 //! | reply | bytes |
 //! |---|---|
-//! | 0 identity | `00`, [`Identity`]: firmware version 3 x u16 (varints), git 4 x u8, modified bool, arm fingerprint u32 as option, slots 2 x result of (table, [`SlotError`](crate::table::SlotError)), tick rate, core clock, stopwatch rate, counts per 1,000 nops (u32, varints), [`ClockSource`](crate::link::ClockSource), [`StartReason`](crate::link::StartReason) |
+//! | 0 identity | `00`, [`Identity`]: firmware version 3 x u16 (varints), git 4 x u8, modified bool, arm fingerprint u32 as option, slots 2 x result of (table, [`SlotError`](crate::table::SlotError)), tick rate, core clock, stopwatch rate, ticks of the stopwatch per 1,000 nops (u32, varints), [`ClockSource`](crate::link::ClockSource), [`StartReason`](crate::link::StartReason) |
 //! | 1 status | `01`, [`Status`]: [`Mode`](crate::link::Mode), tick u32, fault as option, ticks since start, longest tick, stack (u32), [`FrameErrors`](crate::link::FrameErrors) 5 x u32, bytes lost, log entries lost (u32), all varints |
 //! | 2 done | `02` |
 //! | 3 refused | `03`, [`Refusal`] |
-//! | 4 command | `04`, sequence varint, tick varint, torque 2 x f32, saturation 2 x u8, fault number u8 as option, stopwatch counts varint |
+//! | 4 command | `04`, sequence varint, tick varint, torque 2 x f32, saturation 2 x u8, fault number u8 as option, ticks of the stopwatch varint |
 //! | 5 lock-step | `05`, table: CRC u32, arm fingerprint u32, ticks u32, varints |
 //! | 6 log | `06`, number of bytes u8 (as varint), and those: one entry of defmt's raw encoding (wire format 4), read with the symbols of the ELF |
 //! | 7 enabled | `07`, slot, table as above |
@@ -191,7 +191,7 @@ mod tests {
             torque: [-0.0, 1.5],
             saturation: [Saturation::None, Saturation::Upper],
             fault: Some(Fault::LinkTimeout),
-            counts: 128,
+            ticks_hw: 128,
         });
         let body = [
             VERSION, 4, 1, 0x90, 0x4e, 0, 0, 0, 0x80, 0, 0, 0xc0, 0x3f, 0, 1, 1, 20, 0x80, 1,
@@ -270,7 +270,7 @@ mod tests {
             tick_rate_hz: 5000,
             core_hz: 128,
             stopwatch_hz: 64,
-            counts_per_1000_nops: 0,
+            ticks_hw_per_1000_nops: 0,
             clock: ClockSource::InternalPll,
             start: StartReason::Panic { line: 2, file: 3 },
         });
@@ -298,7 +298,7 @@ mod tests {
             tick: u32::MAX,
             fault: Some(Fault::Drive),
             ticks_total: u32::MAX,
-            counts_max: u32::MAX,
+            ticks_hw_max: u32::MAX,
             stack_bytes: u32::MAX,
             frame_errors: FrameErrors {
                 oversized: u32::MAX,

@@ -66,9 +66,9 @@ pub struct Identity {
     pub core_hz: u32,
     /// Stopwatch rate on hardware, Hz.
     pub stopwatch_hz: u32,
-    /// Stopwatch counts that 1,000 `nop` instructions took at start; makes instructions of
+    /// Ticks of the stopwatch that 1,000 `nop` instructions took at start; makes instructions of
     /// counts under an emulator that counts instructions.
-    pub counts_per_1000_nops: u32,
+    pub ticks_hw_per_1000_nops: u32,
     /// Where the clock comes from.
     pub clock: ClockSource,
     /// Why it started.
@@ -86,8 +86,8 @@ pub struct Status {
     pub fault: Option<Fault>,
     /// Ticks since start, of the timer and in lock-step.
     pub ticks_total: u32,
-    /// Longest tick since start, stopwatch counts.
-    pub counts_max: u32,
+    /// Longest tick since start, ticks of the stopwatch.
+    pub ticks_hw_max: u32,
     /// Deepest stack since start, bytes.
     pub stack_bytes: u32,
     /// Frames that were dropped.
@@ -122,8 +122,8 @@ pub struct TickReply {
     pub saturation: [Saturation; 2],
     /// Latched fault, if any.
     pub fault: Option<Fault>,
-    /// Stopwatch counts that the tick took: interrupt handler, sensors and all.
-    pub counts: u32,
+    /// Ticks of the stopwatch that the tick took: interrupt handler, sensors and all.
+    pub ticks_hw: u32,
 }
 
 /// What the last tick found at the board's inputs, in any mode.
@@ -142,12 +142,12 @@ pub struct SensorReport {
     pub homed: bool,
 }
 
-/// The digital inputs that guard the drives. Wired so that a broken wire reads as bad.
+/// The digital inputs that keep the drives off. Wired so that a broken wire reads as bad.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Interlocks {
     /// The emergency stop is released.
     pub estop_released: bool,
-    /// Both drives report to be well.
+    /// Both drives report to be ok.
     pub drives_ok: bool,
 }
 

@@ -10,7 +10,7 @@ use crate::link::{Interlocks, RawSample};
 /// and a stopwatch.
 ///
 /// No method waits for anything, and none can fail: what is not there is reported as not
-/// fresh, not well, not released.
+/// fresh, not ok, not released.
 pub trait Board {
     /// The latest counts of encoders and converters. Never waits: what has not been converted
     /// since the call before is not `fresh`.

@@ -33,7 +33,7 @@ pub struct MemoryBoard {
 }
 
 impl MemoryBoard {
-    /// A board in good order whose sensors read `sample`: stop released, drives well and
+    /// A board in good order whose sensors read `sample`: stop released, drives ok and
     /// disabled, timer running.
     pub fn new(sample: RawSample) -> Self {
         Self {

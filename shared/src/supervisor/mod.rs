@@ -18,7 +18,7 @@ mod memory_board;
 mod parameters;
 mod sensing;
 mod state;
-#[allow(clippy::module_inception)]
+#[expect(clippy::module_inception, reason = "the wing's main file has its name")]
 mod supervisor;
 
 pub use board::{Board, DriveScale};

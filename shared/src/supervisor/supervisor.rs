@@ -37,8 +37,8 @@ pub struct SupervisorStatus {
     pub fault: Option<Fault>,
     /// Ticks since start, of the timer and in lock-step; wraps.
     pub ticks_total: u32,
-    /// Longest tick since start, stopwatch counts.
-    pub counts_max: u32,
+    /// Longest tick since start, ticks of the stopwatch.
+    pub ticks_hw_max: u32,
 }
 
 /// What the tick and the main loop share.
@@ -117,7 +117,7 @@ pub struct Supervisor<'a> {
     /// What the last tick gave.
     outbox: TickReply,
     ticks_total: u32,
-    counts_max: u32,
+    ticks_hw_max: u32,
     /// Ticks when the main loop last looked.
     ticks_seen: u32,
 }
@@ -153,10 +153,10 @@ impl<'a> Supervisor<'a> {
                 torque: [0.0; 2],
                 saturation: [Saturation::None; 2],
                 fault: None,
-                counts: 0,
+                ticks_hw: 0,
             },
             ticks_total: 0,
-            counts_max: 0,
+            ticks_hw_max: 0,
             ticks_seen: 0,
         }
     }
@@ -218,9 +218,9 @@ impl<'a> Supervisor<'a> {
                 }
             }
         }
-        let counts = board.stopwatch().wrapping_sub(begun);
-        self.counts_max = self.counts_max.max(counts);
-        self.outbox.counts = counts;
+        let ticks_hw = board.stopwatch().wrapping_sub(begun);
+        self.ticks_hw_max = self.ticks_hw_max.max(ticks_hw);
+        self.outbox.ticks_hw = ticks_hw;
     }
 
     /// Enables the drives from the next tick on and runs the `prepared` controller, which
@@ -325,7 +325,7 @@ impl<'a> Supervisor<'a> {
     }
 
     /// What the last tick sampled. Before the first tick: the sample at start, and nothing
-    /// fresh, released or well.
+    /// fresh, released or ok.
     pub fn sensors(&self) -> SensorReport {
         SensorReport {
             raw: self.sensing.raw(),
@@ -346,7 +346,7 @@ impl<'a> Supervisor<'a> {
             },
             fault: self.fault,
             ticks_total: self.ticks_total,
-            counts_max: self.counts_max,
+            ticks_hw_max: self.ticks_hw_max,
         }
     }
 }
@@ -468,7 +468,7 @@ mod tests {
             tick: 0,
             fault: None,
             ticks_total: 1,
-            counts_max: 7,
+            ticks_hw_max: 7,
         };
         assert_eq!(rig.supervisor.status(), expected);
         let inputs = rig.supervisor.enable_inputs();
@@ -657,7 +657,7 @@ mod tests {
             rig.tick();
             let reply = rig.supervisor.last_reply();
             assert_eq!((reply.sequence, reply.tick), (sequence, sequence - 7));
-            assert!(planned(reply.torque) && reply.counts == 7);
+            assert!(planned(reply.torque) && reply.ticks_hw == 7);
             assert_eq!(rig.torque(), None);
             assert!(rig.supervisor.tick_advanced());
         }

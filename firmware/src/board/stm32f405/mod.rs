@@ -9,7 +9,7 @@
 //! | PC0 | tip-force cell | 0 to 3.3 V |
 //! | PC1 | root strain gauge | 0 to 3.3 V |
 //! | PC6, PC7 | enable of drive 1, 2 | output, high enables; external pull-down |
-//! | PC8, PC9 | drive 1, 2 well | input, high is well; pull-down |
+//! | PC8, PC9 | drive 1, 2 ok | input, high is ok; pull-down |
 //! | PC10 | emergency stop | input, high is released (normally closed contact); pull-down |
 //!
 //! The HAL sets up clocks, pins, encoders, torque outputs and watchdog. Registers are written
@@ -18,7 +18,7 @@
 //! handlers) and for USART1 (see [`Serial`]).
 //!
 //! QEMU's `olimex-stm32-h405` has USART1 and TIM2 to TIM5 (without encoder mode); GPIO,
-//! converters, watchdog and cycle counter read 0. Zero means: stop pressed, drives unwell, no
+//! converters, watchdog and cycle counter read 0. Zero means: stop pressed, drives not ok, no
 //! new conversion, so the arm cannot be enabled there.
 
 pub mod constants;
@@ -130,31 +130,21 @@ impl Peripherals {
 
         let (mut rcc, source) = start_clocks(rcc);
         // The encoders' outputs may be open collectors.
+        let tracks1 = (
+            gpioa.pa6.internal_resistor(Pull::Up),
+            gpioa.pa7.internal_resistor(Pull::Up),
+        );
+        let tracks2 = (
+            gpiob.pb6.internal_resistor(Pull::Up),
+            gpiob.pb7.internal_resistor(Pull::Up),
+        );
+        let channels = (gpioc.pc0.into_analog(), gpioc.pc1.into_analog());
         let sensors = EncodersAndAdc {
             encoders: (
-                encoder(
-                    p.TIM3,
-                    (
-                        gpioa.pa6.internal_resistor(Pull::Up),
-                        gpioa.pa7.internal_resistor(Pull::Up),
-                    ),
-                    &mut rcc,
-                ),
-                encoder(
-                    p.TIM4,
-                    (
-                        gpiob.pb6.internal_resistor(Pull::Up),
-                        gpiob.pb7.internal_resistor(Pull::Up),
-                    ),
-                    &mut rcc,
-                ),
+                encoder(p.TIM3, tracks1, &mut rcc),
+                encoder(p.TIM4, tracks2, &mut rcc),
             ),
-            converter: injected(
-                p.ADC1,
-                &p.ADC_COMMON,
-                (gpioc.pc0.into_analog(), gpioc.pc1.into_analog()),
-                &mut rcc,
-            ),
+            converter: injected(p.ADC1, &p.ADC_COMMON, channels, &mut rcc),
         };
         let core_hz = rcc.clocks.sysclk().raw();
         let (stopwatch, stopwatch_hz) = Stopwatch::new(p.TIM5, dcb, dwt, &mut rcc);
@@ -230,7 +220,7 @@ impl Board for TickBoard {
 
     #[inline]
     fn stopwatch(&self) -> u32 {
-        self.stopwatch.counts()
+        self.stopwatch.ticks_hw()
     }
 }
 
@@ -457,7 +447,7 @@ impl Stopwatch {
     }
 
     #[inline]
-    fn counts(&self) -> u32 {
+    fn ticks_hw(&self) -> u32 {
         if self.cycles {
             DWT::cycle_count()
         } else {

@@ -175,6 +175,19 @@ const ROOT_SLOPE: usize = 3;
 const SLOPE_RATE: usize = 4;
 const MOMENT_ARM: usize = 5;
 
+/// Range of the root slope rate, rad/s: the plan's and what joint 2's torque, N m, answers.
+fn slope_rate_range(plan: &Plan, law: &LawParameters, torque2: f64) -> f64 {
+    let rates = plan.points.iter().map(|p| p.root_slope_rate.abs());
+    let planned = rates.fold(0.0, f64::max);
+    let answered = 2.0 * (torque2 + plan.peaks.torque[1]) / law.slope_rate_nms_rad.abs();
+    planned
+        + if answered.is_finite() {
+            answered.max(10.0)
+        } else {
+            10.0
+        }
+}
+
 /// Ranges and formats of all signals.
 fn signals(
     plan: &Plan,
@@ -197,16 +210,7 @@ fn signals(
     let moment_arms = [largest(&moment_arm1), largest(&moment_arm2)];
     let pressed = [0, 1].map(|i| (torque[i] + plan.peaks.torque[i]) / moment_arms[i].max(1e-6));
     let force = plan.task.normal_force.abs() + pressed[0].max(pressed[1]);
-    let slope_rate = {
-        let planned = largest(&|p| p.root_slope_rate);
-        let answered = 2.0 * (torque[1] + plan.peaks.torque[1]) / law.slope_rate_nms_rad.abs();
-        planned
-            + if answered.is_finite() {
-                answered.max(10.0)
-            } else {
-                10.0
-            }
-    };
+    let slope_rate = slope_rate_range(plan, law, torque[1]);
     let moment_arm = arm.link1_length_m + arm.link2_length_m;
 
     // A table's column may reach 2^30 of its integers.

@@ -72,25 +72,46 @@ pub fn advice(
     times: &[f64],
 ) -> Result<Vec<String>, StabilityError> {
     if summary.stable {
-        let mut words = vec![];
-        if summary.gain_margin_db < CAUTION_DB {
-            words.push(format!(
-                "the gain margin is only {:.1} dB, at t = {:.3} s; {CAUTION_DB} dB are usual",
-                summary.gain_margin_db, summary.gain_margin_t_s
-            ));
-        }
-        if summary.delay_margin_ticks < CAUTION_TICKS {
-            words.push(format!(
-                "the delay margin is only {:.2} ticks: a drive or a computation that takes a tick makes the loop unstable",
-                summary.delay_margin_ticks
-            ));
-        }
-        return Ok(words);
+        return Ok(cautions(summary));
     }
     let mut words = vec![format!(
         "the gains are unstable ({}): worst at t = {:.3} s in {}",
         summary.name, summary.worst_t_s, summary.worst_mode
     )];
+    let remedies = remedies(plan, variant, law, times)?;
+    words.push(if remedies.is_empty() {
+        "no smaller gain and no faster tick alone makes it stable".to_string()
+    } else {
+        format!("stable would be, each alone: {}", remedies.join("; or "))
+    });
+    Ok(words)
+}
+
+/// What to say of a stable loop with small margins.
+fn cautions(summary: &Summary) -> Vec<String> {
+    let mut words = vec![];
+    if summary.gain_margin_db < CAUTION_DB {
+        words.push(format!(
+            "the gain margin is only {:.1} dB, at t = {:.3} s; {CAUTION_DB} dB are usual",
+            summary.gain_margin_db, summary.gain_margin_t_s
+        ));
+    }
+    if summary.delay_margin_ticks < CAUTION_TICKS {
+        words.push(format!(
+            "the delay margin is only {:.2} ticks: a drive or a computation that takes a tick makes the loop unstable",
+            summary.delay_margin_ticks
+        ));
+    }
+    words
+}
+
+/// What would make an unstable loop stable, each alone.
+fn remedies(
+    plan: &Plan,
+    variant: &PlantVariant,
+    law: &LawParameters,
+    times: &[f64],
+) -> Result<Vec<String>, StabilityError> {
     let frozen_points = path::frozen_points(plan, variant, times)?;
     let mut remedies = vec![];
     for (name, gain) in GAINS {
@@ -128,12 +149,7 @@ pub fn advice(
             f64::from(rate) / f64::from(variant.tick_rate_hz)
         ));
     }
-    words.push(if remedies.is_empty() {
-        "no smaller gain and no faster tick alone makes it stable".to_string()
-    } else {
-        format!("stable would be, each alone: {}", remedies.join("; or "))
-    });
-    Ok(words)
+    Ok(remedies)
 }
 
 /// The lowest of some control rates, Hz, above the variant's at which the loop is stable.

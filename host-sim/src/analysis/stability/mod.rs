@@ -60,7 +60,7 @@ pub enum StabilityError {
         t_s: f64,
     },
     /// The tip is out of reach.
-    #[error("at t = {t_s:.4} s the posture is {source}")]
+    #[error("at t = {t_s:.4} s the arm is {source}")]
     Configuration {
         /// When, s.
         t_s: f64,

@@ -193,12 +193,12 @@ fn fault_json(fault: Option<Fault>) -> [(&'static str, Value); 2] {
 fn status(board: &mut Target, json: bool) -> Result<(), CliError> {
     let status = board.status().map_err(failed)?;
     let errors = status.frame_errors;
-    let counts = status.counts_max;
-    let (instructions, cycles) = (board.instructions(counts), board.cycles(counts));
+    let ticks_hw = status.ticks_hw_max;
+    let (instructions, cycles) = (board.instructions(ticks_hw), board.cycles(ticks_hw));
     let longest = match (instructions, cycles) {
         (Some(count), _) => format!("{count} instructions"),
         (None, Some(count)) => format!("{count} cycles"),
-        (None, None) => format!("{counts} counts of the stopwatch"),
+        (None, None) => format!("{ticks_hw} ticks of the stopwatch"),
     };
     let mut keys = export::object([("mode", json!(mode(status.mode)))]);
     keys.extend(export::object(fault_json(status.fault)));

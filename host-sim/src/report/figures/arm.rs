@@ -1,4 +1,4 @@
-//! The arm's planned postures along its path, as a stick figure.
+//! The arm's planned configurations along its path, as a stick figure.
 
 use super::axis::Axis;
 use super::plot::{
@@ -44,8 +44,8 @@ fn planned_outline(case: &Case, shape: &DMatrix<f64>, tick: usize) -> Vec<Point>
         .collect()
 }
 
-/// Planned postures at equal distances of the tip along the path of a case.
-fn postures(case: &Case) -> Vec<Vec<Point>> {
+/// Planned configurations at equal distances of the tip along the path of a case.
+fn configurations(case: &Case) -> Vec<Vec<Point>> {
     let plan = case.plan;
     let path = &plan.task.path;
     let along = along(case);
@@ -121,10 +121,12 @@ struct Label {
 
 /// Words at the path's ends and joint 1. They go where the arm does not come from: beyond
 /// the surface, or before it.
-fn labels(case: &Case, postures: &[Vec<Point>]) -> [Label; 3] {
+fn labels(case: &Case, configurations: &[Vec<Point>]) -> [Label; 3] {
     let (path, normal) = (&case.plan.task.path, case.plan.surface.normal);
     let reach = reach(case);
-    let joint2 = postures.first().map_or((0.0, 0.0), |points| points[0]);
+    let joint2 = configurations
+        .first()
+        .map_or((0.0, 0.0), |points| points[0]);
     let beyond_surface =
         (joint2.0 - path.from[0]) * normal[0] + (joint2.1 - path.from[1]) * normal[1] <= 0.0;
     let offset = if beyond_surface { 0.048 } else { -0.028 } * reach;
@@ -201,14 +203,14 @@ fn draw_legend(head: &Area<'_>) -> Drawn {
 /// Height of the legend, px.
 const HEAD: f64 = 34.0;
 
-/// The arm's planned postures along the path of a case, at equal distances of the tip.
+/// The arm's planned configurations along the path of a case, at equal distances of the tip.
 pub(super) fn stick_figure(case: &Case) -> Result<Figure, ReportError> {
     let name = "stick_figure";
     let joint1 = (0.0, 0.0);
-    let postures = postures(case);
+    let configurations = configurations(case);
     let surface = surface(case);
-    let labels = labels(case, &postures);
-    let everything = postures
+    let labels = labels(case, &configurations);
+    let everything = configurations
         .iter()
         .flatten()
         .chain(&surface)
@@ -227,8 +229,8 @@ pub(super) fn stick_figure(case: &Case) -> Result<Figure, ReportError> {
         let hatching = hatching(case, &surface, scale);
         chart.draw_series(hatching.map(|points| PathElement::new(points, line(SOFT, 0.8))))?;
         chart.draw_series([PathElement::new(surface.to_vec(), line(INK, 2.0))])?;
-        for (index, points) in postures.iter().enumerate() {
-            let end = index == 0 || index + 1 == postures.len();
+        for (index, points) in configurations.iter().enumerate() {
+            let end = index == 0 || index + 1 == configurations.len();
             let px = if end { 3.0 } else { 1.2 };
             let (joint2, tip) = (points[0], points[points.len() - 1]);
             chart.draw_series([
@@ -255,8 +257,8 @@ pub(super) fn stick_figure(case: &Case) -> Result<Figure, ReportError> {
     Ok(Figure {
         name: name.into(),
         caption: format!(
-            "Planned postures of the arm at {} equally spaced points of the path, link 2 as bent as it is. Start and end are drawn bold; a2 points down.",
-            postures.len()
+            "Planned configurations of the arm at {} equally spaced points of the path, link 2 as bent as it is. Start and end are drawn bold; a2 points down.",
+            configurations.len()
         ),
         svg,
     })
