@@ -256,7 +256,6 @@ fn the_tables_of_fixed_point_are_what_accuracy_says() {
         "torque1",
         "torque2",
         "force",
-        "angle",
         "root_slope",
         "slope_rate",
         "moment_arm",
