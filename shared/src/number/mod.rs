@@ -3,11 +3,13 @@
 //! | file | responsible for |
 //! |---|---|
 //! | `scalar` | [`Scalar`], what the control tick computes with; [`SiScalar`], [`TableScalar`] |
+//! | `float` | that, in floating point |
 //! | `real` | [`Real`], what model, planning and simulation compute with |
 //! | [`fixed`] | the fixed-point scalar |
 //! | [`sine`] | the sine that the control tick may use (a polynomial, no libm) |
 
 pub mod fixed;
+mod float;
 mod real;
 mod scalar;
 pub mod sine;
