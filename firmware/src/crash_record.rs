@@ -44,6 +44,7 @@ pub fn take(watchdog_reset: bool) -> StartReason {
 }
 
 /// An exception or interrupt that nothing expects: the non-maskable interrupt, say.
+// SAFETY: touches nothing that the interrupted code uses; it does not return.
 #[cortex_m_rt::exception]
 unsafe fn DefaultHandler(_number: i16) -> ! {
     panic!("unexpected exception")
@@ -86,6 +87,7 @@ extern "C" fn hard_fault(frame: *const u32) -> ! {
     /// the core's and 16 of the floating-point unit's, and some. Where such a push goes beyond
     /// the stack's end, the frame, being smaller, may still fit above it.
     const LARGEST_PUSH: usize = 128;
+    // SAFETY: the linker defines both; only their addresses are used.
     unsafe extern "C" {
         static _stack_end: u32;
         static _stack_start: u32;

@@ -27,6 +27,7 @@ pub fn setup() -> Option<Setup> {
 
 /// A slot's bytes.
 fn region(slot: Slot) -> &'static [u8] {
+    // SAFETY: memory.x defines them; only their addresses are used.
     unsafe extern "C" {
         static _table_a_start: u8;
         static _table_a_length: u8;

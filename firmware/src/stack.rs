@@ -6,6 +6,7 @@ const PAINT: u32 = 0x5aa5_c33c;
 /// the painting function itself.
 const MARGIN_WORDS: usize = 32;
 
+// SAFETY: the linker defines both, at the ends of the stack.
 unsafe extern "C" {
     static mut _stack_end: u32;
     static _stack_start: u32;

@@ -239,6 +239,7 @@ fn panic(_: &PanicInfo) -> ! {
     exit(101)
 }
 
+// SAFETY: it only ends the run.
 #[exception]
 unsafe fn HardFault(_: &ExceptionFrame) -> ! {
     exit(102)
