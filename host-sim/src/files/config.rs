@@ -1,9 +1,10 @@
-//! The user's files: arm, task, controller and plant, in TOML.
+//! The user's files: arm, task, controller, plant and board, in TOML.
 //!
 //! Every number has a range; every error is one line that names the file, the field,
 //! its value and what is accepted. Unknown keys are refused, with the known ones named.
 
 mod arm;
+mod board;
 mod controller;
 mod plant;
 mod ranges;
@@ -13,14 +14,16 @@ mod task;
 
 use self::ranges::{RANGES, accepted};
 use crate::text::{Shortest, one_line};
-use serde::Deserializer;
 use serde::de::{DeserializeOwned, Error as _, IgnoredAny, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer};
 use std::fmt;
 use std::fs::File;
 use std::io::Read;
+use std::marker::PhantomData;
 use std::path::Path;
 
 pub use arm::{ArmConfig, parse_arm};
+pub use board::{BoardConfig, parse_board};
 pub use controller::{DERIVATIVE_FILTER_HZ, controller_toml, parse_controller};
 pub use plant::parse_plant;
 #[cfg(feature = "stability")]
@@ -33,11 +36,10 @@ pub const DEFAULT_ARM: &str = include_str!("../../../examples/arm.toml");
 pub const DEFAULT_TASK: &str = include_str!("../../../examples/task.toml");
 /// The controller that is used when no file is given: `examples/controller.toml`.
 pub const DEFAULT_CONTROLLER: &str = include_str!("../../../examples/controller.toml");
+/// The board that is used when no file is given: `boards/stm32f405.toml`.
+pub const DEFAULT_BOARD: &str = include_str!("../../../boards/stm32f405.toml");
 /// The plants that gains are examined with when no file is given: `examples/spread.toml`.
 pub const DEFAULT_SPREAD: &str = include_str!("../../../examples/spread.toml");
-
-/// Control rate when none is asked for, Hz.
-pub const DEFAULT_TICK_RATE_HZ: u32 = 5000;
 
 /// What is wrong with a file.
 #[derive(Debug, thiserror::Error)]
@@ -242,16 +244,20 @@ pub fn load<T>(
     }
 }
 
-/// Exactly two numbers; serde's own arrays leave a third one unread.
-fn pair<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 2], D::Error> {
-    struct Two;
-    impl<'de> Visitor<'de> for Two {
-        type Value = [f64; 2];
+/// Exactly two values; serde's own arrays leave a third one unread.
+fn pair<'de, T, D>(deserializer: D) -> Result<[T; 2], D::Error>
+where
+    T: Copy + Default + Deserialize<'de>,
+    D: Deserializer<'de>,
+{
+    struct Two<T>(PhantomData<T>);
+    impl<'de, T: Copy + Default + Deserialize<'de>> Visitor<'de> for Two<T> {
+        type Value = [T; 2];
         fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
             f.write_str("an array of length 2")
         }
-        fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<[f64; 2], A::Error> {
-            let mut values = [0.0; 2];
+        fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<[T; 2], A::Error> {
+            let mut values = [T::default(); 2];
             for (i, value) in values.iter_mut().enumerate() {
                 *value = list
                     .next_element()?
@@ -267,7 +273,7 @@ fn pair<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 2], D::Error
             Ok(values)
         }
     }
-    deserializer.deserialize_seq(Two)
+    deserializer.deserialize_seq(Two(PhantomData))
 }
 
 /// [`pair`] of a key that may be missing.

@@ -143,10 +143,57 @@ pub(super) const RANGES: &[Range] = &[
         SUBSTEPS_MAX as f64,
         "a whole number of integration steps a tick",
     ),
+    from("encoders.lines", 1.0, 1e6, "two whole numbers of lines"),
+    from(
+        "encoders.gear_ratio",
+        1e-3,
+        1e4,
+        "two numbers of motor turns a joint turn",
+    ),
+    from("encoders.home_rad", -10.0, 10.0, "two angles in rad"),
+    from(
+        "force_cell.range_N",
+        -1e6,
+        1e6,
+        "two forces in N, one below and one above 0,",
+    ),
+    from(
+        "root_gauge.range_rad",
+        -1e3,
+        1e3,
+        "two slopes in rad, one below and one above 0,",
+    ),
+    // Counts of the sensors have 16 bits.
+    from("converter.bits", 8.0, 16.0, "a whole number of bits"),
+    from(
+        "converter.rail_counts",
+        0.0,
+        16_384.0,
+        "a whole number of counts",
+    ),
+    from("drives.full_scale_Nm", 1e-9, 1e6, "two torques in N m"),
+    from("drives.bits", 8.0, 16.0, "a whole number of bits"),
+    from("drives.usable_share", 0.01, 1.0, "a share"),
+    from("enabling.angle_rad", 0.0, 3.2, "two angles in rad"),
+    from("enabling.slope_rad", 0.0, 3.2, "a slope in rad"),
+    from("link.timeout_s", 0.01, 10.0, "a time in s"),
 ];
 
 /// Words for what the fields without a range accept.
 const WORDS: &[(&str, &str)] = &[
+    (
+        "name",
+        "a word of up to 32 small letters, digits and underscores",
+    ),
+    ("encoders", "a table [encoders]"),
+    ("encoders.sign", "1 or -1 for either joint"),
+    ("force_cell", "a table [force_cell]"),
+    ("root_gauge", "a table [root_gauge]"),
+    ("converter", "a table [converter]"),
+    ("drives", "a table [drives]"),
+    ("drives.sign", "1 or -1 for either joint"),
+    ("enabling", "a table [enabling]"),
+    ("link", "a table [link]"),
     ("link1", "a table [link1]"),
     ("link2", "a table [link2]"),
     ("base", "a table [base]"),
