@@ -241,7 +241,8 @@ mod tests {
                 && words.contains("allow [10.5454"),
             "{words}"
         );
-        let other = config::DEFAULT_BOARD.replacen("stm32f405", "unheard_of", 1);
+        let name = r#"name = "stm32f405""#;
+        let other = config::DEFAULT_BOARD.replacen(name, r#"name = "unheard_of""#, 1);
         let words = refusal("other_board.toml", &other, board);
         assert!(
             words.contains("name = \"unheard_of\"") && words.contains("accepted: stm32f405"),

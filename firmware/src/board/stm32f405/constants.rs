@@ -7,6 +7,10 @@ use flexor::supervisor::{BoardParameters, Calibration, DriveScale, SafetyLimits}
 // --- The board file -----------------------------------------------------------------------
 
 /// What the board file says. All that follows from it is computed when the image is built.
+#[allow(
+    clippy::approx_constant,
+    reason = "the file's numbers are the user's: a quarter turn may be one"
+)]
 const BOARD: BoardParameters = include!(concat!(env!("OUT_DIR"), "/board.rs"));
 /// How counts become SI values.
 pub const CALIBRATION: Calibration = BOARD.calibration();
