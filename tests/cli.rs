@@ -310,12 +310,20 @@ fn controllers_modes_starts_and_numbers_can_be_chosen() {
     let both = rms(&["--controller", &idle, "--mode", "proposed"]);
     assert_eq!(both, rms(&[]));
     refused(
-        &["run", "--controller", &idle, "--mode", "feedforward"],
+        &[
+            "run",
+            "--controller",
+            &idle,
+            "--mode",
+            "feedforward",
+            "--out",
+            &path("run"),
+        ],
         2,
         &["--controller", "--mode feedforward"],
     );
     refused(
-        &["demo", "--controller", &idle],
+        &["demo", "--controller", &idle, "--out", &path("demo")],
         2,
         &["feedforward = false", "demo"],
     );
@@ -484,8 +492,9 @@ fn files_without_end_are_refused() {
     let out = folder("endless");
     let long = out.join("long.toml");
     std::fs::write(&long, " ".repeat((1 << 20) + 1)).unwrap();
+    let results = out.join("results").to_str().unwrap().to_string();
     refused(
-        &["plan", "--arm", long.to_str().unwrap()],
+        &["plan", "--arm", long.to_str().unwrap(), "--out", &results],
         2,
         &["long.toml", "more than 1048576 bytes"],
     );
@@ -496,6 +505,7 @@ fn usage_and_output_errors_have_their_codes() {
     let out = folder("usage");
     let file = out.join("a_file");
     std::fs::write(&file, "x").unwrap();
+    let results = out.join("results").to_str().unwrap().to_string();
     let inside = file.join("results");
     for command in ["plan", "run", "demo", "gains", "pil"] {
         refused(
@@ -505,7 +515,7 @@ fn usage_and_output_errors_have_their_codes() {
         );
     }
     refused(
-        &["plan", "--arm", "/nowhere/arm.toml"],
+        &["plan", "--arm", "/nowhere/arm.toml", "--out", &results],
         2,
         &["/nowhere/arm.toml", "cannot be read"],
     );
@@ -522,7 +532,7 @@ fn usage_and_output_errors_have_their_codes() {
         assert_eq!(flexor(arguments).status.code(), Some(2), "{arguments:?}");
     }
     refused(
-        &["run", "--plant-elements", "99"],
+        &["run", "--plant-elements", "99", "--out", &results],
         2,
         &["--plant-elements 99", "1 to 16"],
     );
@@ -538,7 +548,7 @@ fn usage_and_output_errors_have_their_codes() {
         &["a_file", "cannot be written", "not a directory"],
     );
     refused(
-        &["run", "--bending-stiffness-scale", "nan"],
+        &["run", "--bending-stiffness-scale", "nan", "--out", &results],
         2,
         &["--bending-stiffness-scale NaN", "0.01 to 100"],
     );

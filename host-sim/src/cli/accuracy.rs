@@ -27,10 +27,12 @@ pub(super) struct AccuracyArgs {
 
 /// Measures f32 and fixed point against f64 and reports.
 pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
+    let inputs = args.common.inputs();
+    let inputs = inputs.into_iter().chain([args.controller.as_deref()]);
+    let output = Output::open(&args.out, inputs)?;
     let (arm, task) = args.common.load()?;
     let law = controller(args.controller.as_deref())?;
     let planned = args.common.plan(&arm, &task)?;
-    let output = Output::new(&args.out)?;
     // The demo's soft plant, started as planned: the feedback has work to do.
     let options = RunOptions {
         law,
@@ -57,7 +59,8 @@ pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
     output.json("summary.json", &summary)?;
     output.write("accuracy.csv", |w| trace_csv(&accuracies, w))?;
     let facts = format_facts(&analysis);
-    let place = pages::accuracy(&args.out, &accuracies, &facts)?;
+    let place = pages::accuracy(&output, &accuracies, &facts)?;
+    output.commit()?;
     if args.common.json {
         return print(&summary);
     }

@@ -30,6 +30,9 @@ pub(super) struct DemoArgs {
 
 /// Plans, runs all cases, and writes and prints what came of it.
 pub(super) fn demo(args: &DemoArgs) -> Result<(), CliError> {
+    let inputs = args.common.inputs();
+    let inputs = inputs.into_iter().chain([args.controller.as_deref()]);
+    let output = Output::open(&args.out, inputs)?;
     let (arm, task) = args.common.load()?;
     let law = controller(args.controller.as_deref())?;
     if !law.feedforward {
@@ -46,14 +49,13 @@ pub(super) fn demo(args: &DemoArgs) -> Result<(), CliError> {
             .map_err(|error| CliError::Fast(error.into()))?,
     ];
     gains::warn(&planned[0].plan, &cases::plant(arm.elements, 1.0), &law);
-    let output = Output::new(&args.out)?;
     output.write("plan.csv", |w| export::plan_csv(&planned[0].plan, w))?;
     output.write("plan_fast.csv", |w| export::plan_csv(&planned[1].plan, w))?;
     output.write("table.bin", |w| w.write_all(&planned[0].table.image))?;
     output.write("table_fast.bin", |w| w.write_all(&planned[1].table.image))?;
 
     let progress = progress_bar((CASES.len() * PLANTS.len()) as u64, "{msg}");
-    let runs = run_cases(args, arm.elements, &law, &planned, &progress)?;
+    let runs = run_cases(&output, arm.elements, &law, &planned, &progress)?;
     progress.set_message("report");
     let summary = summary_json(&runs, &planned);
     output.json("summary.json", &summary)?;
@@ -76,7 +78,8 @@ pub(super) fn demo(args: &DemoArgs) -> Result<(), CliError> {
             .map(|(name, fact)| (format!("fast: {name}"), fact)),
     );
     let title = "Flexor: the paper's manipulation";
-    let place = pages::runs(&args.out, title, &cases, &facts)?;
+    let place = pages::runs(&output, title, &cases, &facts)?;
+    output.commit()?;
     progress.finish_and_clear();
 
     if args.common.json {
@@ -105,7 +108,7 @@ struct DemoRun {
 
 /// Runs every case on every plant and writes each run into a folder of its own.
 fn run_cases(
-    args: &DemoArgs,
+    output: &Output,
     elements: usize,
     law: &LawParameters,
     planned: &[Planned; 2],
@@ -124,12 +127,11 @@ fn run_cases(
             };
             let (plan, image) = (&planned[used].plan, &planned[used].table.image);
             let run = Simulation::<f32>::new(plan, image, &options)?.run(|_| {});
-            let folder = args.out.join(format!("{}_{plant}", case.name));
-            let folder = Output::new(&folder)?;
-            folder.write("run.csv", |w| export::run_csv(&run, w))?;
+            let name = |file: &str| format!("{}_{plant}/{file}", case.name);
+            output.write(&name("run.csv"), |w| export::run_csv(&run, w))?;
             let mut summary = export::summary_json(&run.summary);
             summary.extend(planned[used].json());
-            folder.json("summary.json", &Value::Object(summary))?;
+            output.json(&name("summary.json"), &Value::Object(summary))?;
             runs.push(DemoRun {
                 case: case.name,
                 plant,

@@ -51,6 +51,8 @@ pub(super) enum CliError {
     },
     #[error("{}: cannot be read: {cause}", file.display())]
     Unreadable { file: PathBuf, cause: io::Error },
+    #[error("{}: another command is writing its results there; wait for its end, or name another folder with --out", folder.display())]
+    Busy { folder: PathBuf },
     #[error("{}: cannot be written: {cause}", file.display())]
     Unwritable { file: PathBuf, cause: io::Error },
     #[error(transparent)]
@@ -110,7 +112,6 @@ pub(super) enum CliError {
         "{differing} of {count} commands for arbitrary measurements differ from the simulator's"
     )]
     RandomDiffers { differing: u32, count: u32 },
-    #[cfg(feature = "target")]
     #[error("signals cannot be caught, so nothing is begun that must be ended in order: {0}")]
     Signals(#[from] ctrlc::Error),
     #[error("standard output: {0}")]
@@ -137,6 +138,7 @@ impl CliError {
             | Self::Table { .. }
             | Self::OtherTask { .. }
             | Self::Unreadable { .. }
+            | Self::Busy { .. }
             | Self::At { .. }
             | Self::Map { .. }
             | Self::NoEffect { .. }
@@ -166,13 +168,12 @@ impl CliError {
             Self::Unwritable { .. }
             | Self::TableFit(TableFitError::Format(_))
             | Self::Stopped { .. }
+            | Self::Signals(_)
             | Self::Stdout(_) => 1,
             #[cfg(feature = "report")]
             Self::Report(_) => 1,
             #[cfg(feature = "target")]
-            Self::Pil(_) | Self::Differs { .. } | Self::RandomDiffers { .. } | Self::Signals(_) => {
-                1
-            }
+            Self::Pil(_) | Self::Differs { .. } | Self::RandomDiffers { .. } => 1,
             Self::Fast(error) => error.exit_code(),
         }
     }

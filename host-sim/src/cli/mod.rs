@@ -2,7 +2,7 @@
 //!
 //! Exit codes: 0 the work was done (also when a simulated controller fails: that is a
 //! result); 1 it could not be done (output not writable, a simulation that stopped
-//! early); 2 the command line or a file is at fault.
+//! early); 2 the command line or a file is at fault; 130 ended by a signal.
 
 mod accuracy;
 #[cfg(feature = "target")]
@@ -11,6 +11,7 @@ mod board;
 mod connection;
 mod demo;
 mod error;
+mod folder;
 mod gains;
 mod output;
 #[cfg_attr(not(feature = "report"), path = "no_pages.rs")]
@@ -19,13 +20,13 @@ mod pages;
 mod pil;
 mod plan;
 mod run;
-#[cfg(feature = "target")]
 mod signals;
 
 #[cfg(feature = "target")]
 use self::error::BoardError;
 use self::error::CliError;
-use self::output::{Output, print, print_facts, progress_bar, results, say};
+use self::folder::Output;
+use self::output::{print, print_facts, progress_bar, results, say};
 use crate::files::config;
 use crate::files::config::{ArmConfig, BoardConfig};
 use crate::planner::task::Task;
@@ -160,6 +161,11 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
 }
 
 impl Common {
+    /// The files that are read.
+    fn inputs(&self) -> [Option<&Path>; 2] {
+        [self.arm.as_deref(), self.task.as_deref()]
+    }
+
     fn load(&self) -> Result<(ArmConfig, Task), CliError> {
         let arm = config::load(self.arm.as_deref(), config::DEFAULT_ARM, config::parse_arm)?;
         let task = config::load(

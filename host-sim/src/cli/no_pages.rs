@@ -1,6 +1,6 @@
 //! What stands in for `pages.rs` where the feature `report` is off: no figures, no pages.
 
-use super::CliError;
+use super::{CliError, Output};
 use crate::analysis::fixed_point::accuracy::Accuracy;
 use crate::analysis::stability::map::GainId;
 use crate::analysis::stability::path::Report;
@@ -8,7 +8,6 @@ use crate::planner::plan::Plan;
 use crate::plant::PlantParameters;
 use crate::simulation::closed_loop::Run;
 use flexor::control::LawParameters;
-use std::path::Path;
 
 /// A case's name, the plant's, the plan and the run.
 pub(super) type CaseRun<'a> = (&'a str, &'a str, &'a Plan, &'a Run);
@@ -26,30 +25,30 @@ pub(super) struct GainsContent<'a> {
 }
 
 /// Where results are, as a sentence.
-fn place(folder: &Path) -> Result<String, CliError> {
-    Ok(format!("The results are in {}", folder.display()))
+fn place(output: &Output) -> Result<String, CliError> {
+    Ok(format!("The results are in {}", output.folder().display()))
 }
 
 /// Says where the results are.
 pub(super) fn runs(
-    folder: &Path,
+    output: &Output,
     _title: &str,
     _cases: &[CaseRun<'_>],
     _facts: &[(String, String)],
 ) -> Result<String, CliError> {
-    place(folder)
+    place(output)
 }
 
 /// Says where the results are.
 pub(super) fn accuracy(
-    folder: &Path,
+    output: &Output,
     _accuracies: &[Accuracy],
     _facts: &[(String, String)],
 ) -> Result<String, CliError> {
-    place(folder)
+    place(output)
 }
 
 /// Says where the results are.
-pub(super) fn gains(folder: &Path, _content: &GainsContent<'_>) -> Result<String, CliError> {
-    place(folder)
+pub(super) fn gains(output: &Output, _content: &GainsContent<'_>) -> Result<String, CliError> {
+    place(output)
 }

@@ -1,53 +1,10 @@
-//! What commands write: files into a folder, facts and tables to standard output, warnings
-//! and progress to standard error.
+//! What commands print: facts and tables to standard output, warnings and progress to standard
+//! error. Files are `folder.rs`'s.
 
 use super::CliError;
 use crate::simulation::closed_loop::Run;
 use indicatif::{ProgressBar, ProgressStyle};
-use serde_json::Value;
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
-use std::path::Path;
-
-/// Writes files into a folder, making it first.
-pub(super) struct Output<'a> {
-    pub(super) folder: &'a Path,
-}
-
-impl<'a> Output<'a> {
-    pub(super) fn new(folder: &'a Path) -> Result<Self, CliError> {
-        std::fs::create_dir_all(folder).map_err(|cause| CliError::Unwritable {
-            file: folder.to_path_buf(),
-            cause: match cause.kind() {
-                // "File exists" would not say what is wrong with that.
-                io::ErrorKind::AlreadyExists => io::ErrorKind::NotADirectory.into(),
-                _ => cause,
-            },
-        })?;
-        Ok(Self { folder })
-    }
-
-    pub(super) fn write(
-        &self,
-        name: &str,
-        content: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
-    ) -> Result<(), CliError> {
-        let file = self.folder.join(name);
-        let write = || {
-            let mut writer = BufWriter::new(File::create(&file)?);
-            content(&mut writer)?;
-            writer.flush()
-        };
-        write().map_err(|cause| CliError::Unwritable {
-            file: file.clone(),
-            cause,
-        })
-    }
-
-    pub(super) fn json(&self, name: &str, value: &Value) -> Result<(), CliError> {
-        self.write(name, |w| writeln!(w, "{value:#}"))
-    }
-}
+use std::io::{self, Write};
 
 /// Prints a line to standard output.
 pub(super) fn print(text: impl std::fmt::Display) -> Result<(), CliError> {

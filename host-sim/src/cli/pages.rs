@@ -2,7 +2,7 @@
 //!
 //! Without the feature `report`, `no_pages.rs` stands in for this module.
 
-use super::CliError;
+use super::{CliError, Output};
 use crate::analysis::fixed_point::accuracy::Accuracy;
 use crate::analysis::stability::map::GainId;
 use crate::analysis::stability::path::{Report, Summary};
@@ -13,7 +13,6 @@ use crate::plant::spread::PlantVariant;
 use crate::report;
 use crate::simulation::closed_loop::Run;
 use flexor::control::LawParameters;
-use std::path::Path;
 
 /// A case's name, the plant's, the plan and the run.
 pub(super) type CaseRun<'a> = (&'a str, &'a str, &'a Plan, &'a Run);
@@ -32,14 +31,14 @@ pub(super) struct GainsContent<'a> {
 /// The page's file in a folder.
 const PAGE: &str = "report.html";
 
-/// Where a page is, as a sentence.
-fn place(folder: &Path) -> String {
-    format!("The report is {}", folder.join(PAGE).display())
+/// Where a page will be, as a sentence.
+fn place(output: &Output) -> String {
+    format!("The report is {}", output.folder().join(PAGE).display())
 }
 
-/// Writes figures and page of runs; says where they are.
+/// Writes figures and page of runs; says where they will be.
 pub(super) fn runs(
-    folder: &Path,
+    output: &Output,
     title: &str,
     cases: &[CaseRun<'_>],
     facts: &[(String, String)],
@@ -53,23 +52,25 @@ pub(super) fn runs(
             run,
         })
         .collect();
-    report::write_figures(folder, &cases)?;
+    let folder = output.partial();
+    report::write_figures(&folder, &cases)?;
     report::write_html(&folder.join(PAGE), title, &cases, facts)?;
-    Ok(place(folder))
+    Ok(place(output))
 }
 
-/// Writes figures and page on the accuracy of number types; says where they are.
+/// Writes figures and page on the accuracy of number types; says where they will be.
 pub(super) fn accuracy(
-    folder: &Path,
+    output: &Output,
     accuracies: &[Accuracy],
     facts: &[(String, String)],
 ) -> Result<String, CliError> {
-    report::write_accuracy(folder, &folder.join(PAGE), accuracies, facts)?;
-    Ok(place(folder))
+    let folder = output.partial();
+    report::write_accuracy(&folder, &folder.join(PAGE), accuracies, facts)?;
+    Ok(place(output))
 }
 
-/// Writes figures and page on gains; says where they are.
-pub(super) fn gains(folder: &Path, content: &GainsContent<'_>) -> Result<String, CliError> {
+/// Writes figures and page on gains; says where they will be.
+pub(super) fn gains(output: &Output, content: &GainsContent<'_>) -> Result<String, CliError> {
     let GainsContent { plan, report, .. } = *content;
     let variant = PlantVariant::new(&plan.model.arm, plan.tick_rate_hz, content.plant, 0.0)
         .map_err(StabilityError::from)?;
@@ -91,6 +92,6 @@ pub(super) fn gains(folder: &Path, content: &GainsContent<'_>) -> Result<String,
         },
         notes: content.facts,
     };
-    report::write_gains(folder, &page)?;
-    Ok(place(folder))
+    report::write_gains(&output.partial(), &page)?;
+    Ok(place(output))
 }

@@ -10,7 +10,6 @@ use crate::target::{Target, pil};
 use clap::Args;
 use flexor::supervisor::ControllerParameters;
 use serde_json::{Map, Value, json};
-use std::io::Write;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -35,12 +34,8 @@ const PORT_PATIENCE: Duration = Duration::from_secs(10);
 
 /// Runs the task with the firmware, compares its commands, and reports.
 pub(super) fn pil_command(args: &PilArgs) -> Result<(), CliError> {
+    let output = Output::open(&args.out, args.simulation.inputs())?;
     let simulation = args.simulation.prepare()?;
-    let image = &simulation.planned.table.image;
-    let output = Output::new(&args.out)?;
-    // Before the run: a board that lacks the table wants this file.
-    output.write("table.bin", |w| w.write_all(image))?;
-
     let compared = compare(args, &simulation)?;
     let Compared {
         target,
@@ -60,7 +55,7 @@ pub(super) fn pil_command(args: &PilArgs) -> Result<(), CliError> {
         ("random_differing", json!(random_differing)),
     ]));
     let (title, as_json) = ("Flexor: processor in the loop", args.simulation.common.json);
-    simulation.report(&output, &pil.run, title, keys, facts, as_json)?;
+    simulation.report(output, &pil.run, title, keys, facts, as_json)?;
     if let Some(first) = pil.first_difference {
         return Err(CliError::Differs {
             differing: pil.differing_commands,
@@ -74,7 +69,7 @@ pub(super) fn pil_command(args: &PilArgs) -> Result<(), CliError> {
             count: args.random,
         });
     }
-    simulation.judge(&pil.run, &output)
+    simulation.judge(&pil.run, &args.out)
 }
 
 /// What the comparison found.

@@ -28,13 +28,14 @@ pub(super) struct PlanArgs {
 }
 
 pub(super) fn plan_command(args: &PlanArgs) -> Result<(), CliError> {
+    let output = Output::open(&args.out, args.common.inputs())?;
     let (arm, task) = args.common.load()?;
     let planned = args.common.plan(&arm, &task)?;
-    let output = Output::new(&args.out)?;
     output.write("plan.csv", |w| export::plan_csv(&planned.plan, w))?;
     output.write("table.bin", |w| w.write_all(&planned.table.image))?;
     let summary = Value::Object(planned.json());
     output.json("summary.json", &summary)?;
+    output.commit()?;
     if args.common.json {
         return print(summary);
     }

@@ -90,11 +90,11 @@ enum NumberArg {
 }
 
 pub(super) fn run_command(args: &RunArgs) -> Result<(), CliError> {
+    let output = Output::open(&args.out, args.simulation.inputs())?;
     let simulation = args.simulation.prepare()?;
     let Simulation {
         planned, options, ..
     } = &simulation;
-    let output = Output::new(&args.out)?;
     let (plan, image) = (&planned.plan, &planned.table.image);
     if simulation.mode != Mode::Feedforward {
         gains::warn(plan, &options.plant, &options.law);
@@ -132,14 +132,14 @@ pub(super) fn run_command(args: &RunArgs) -> Result<(), CliError> {
         facts.push(("fixed point: saturations".into(), total.to_string()));
     }
     simulation.report(
-        &output,
+        output,
         &run,
         "Flexor: run",
         keys,
         facts,
         args.simulation.common.json,
     )?;
-    simulation.judge(&run, &output)
+    simulation.judge(&run, &args.out)
 }
 
 /// What is to be run, planned.
@@ -150,11 +150,11 @@ pub(super) struct Simulation {
 }
 
 impl Simulation {
-    /// Writes the files of a run and prints its result. `keys` and `facts` are what is
+    /// Writes the files of a run, all that `output` gets, and prints its result. `keys` and `facts` are what is
     /// particular to it.
     pub(super) fn report(
         &self,
-        output: &Output,
+        output: Output,
         run: &Run,
         title: &str,
         keys: Map<String, Value>,
@@ -178,7 +178,8 @@ impl Simulation {
         };
         let mut all = self.planned.facts();
         all.extend(facts);
-        let place = pages::runs(output.folder, title, &[(name, "plant", plan, run)], &all)?;
+        let place = pages::runs(&output, title, &[(name, "plant", plan, run)], &all)?;
+        output.commit()?;
         if json {
             return print(&summary);
         }
@@ -189,14 +190,15 @@ impl Simulation {
     }
 
     /// A run that could not go on to its end is a failure; a bad result is not.
-    pub(super) fn judge(&self, run: &Run, output: &Output) -> Result<(), CliError> {
+    /// The results are in `out`.
+    pub(super) fn judge(&self, run: &Run, out: &Path) -> Result<(), CliError> {
         let outcome = run.summary.outcome;
         if outcome == Outcome::Diverged {
             let first = self.planned.plan.points[0].t;
             return Err(CliError::Stopped {
                 t_s: run.rows.last().map_or(first, |row| row.t),
                 outcome,
-                out: output.folder.to_path_buf(),
+                out: out.to_path_buf(),
             });
         }
         Ok(())
@@ -204,6 +206,13 @@ impl Simulation {
 }
 
 impl SimulationArgs {
+    /// The files that are read.
+    pub(super) fn inputs(&self) -> impl Iterator<Item = Option<&Path>> {
+        let files = [&self.controller, &self.plant, &self.table];
+        let inputs = self.common.inputs().into_iter();
+        inputs.chain(files.map(|file| file.as_deref()))
+    }
+
     /// Reads the files and plans.
     pub(super) fn prepare(&self) -> Result<Simulation, CliError> {
         if matches!(self.mode, Some(ModeArg::Feedforward)) && self.controller.is_some() {

@@ -33,7 +33,7 @@ pub enum PilError {
     },
     /// The task's table is in neither slot.
     #[error(
-        "the microcontroller does not have this task's table (checksum {wanted:#010x}): slot A {a}, slot B {b}; `cargo xtask flash --table table.bin` writes the table in the output folder into slot B"
+        "the microcontroller does not have this task's table (checksum {wanted:#010x}): slot A {a}, slot B {b}; `flexor plan` with the same arm, task and rate writes it, `cargo xtask flash --table out/plan/table.bin --slot b` puts it into slot B"
     )]
     OtherTable {
         /// Checksum of the task's.

@@ -138,13 +138,12 @@ pub(super) fn examine(args: &ExamineArgs) -> Result<(), CliError> {
             gain: name.map_or(String::new(), |name| name.get_name().into()),
         });
     }
+    let output = Output::open(&args.out, args.plants.inputs())?;
     let setting = args.plants.setting()?;
     check(args, &setting)?;
     let plan = &setting.planned.plan;
     let law = &setting.law;
     let since = Instant::now();
-    // Before the work: a folder that cannot be made should not cost minutes.
-    let output = Output::new(&args.out)?;
     let points = args.plants.points as usize;
     let progress = progress_bar(
         Report::effort(&setting.spread, points),
@@ -178,6 +177,7 @@ pub(super) fn examine(args: &ExamineArgs) -> Result<(), CliError> {
     ]));
     let summary = Value::Object(summary);
     output.json("summary.json", &summary)?;
+    output.commit()?;
     for word in &warnings {
         say(format_args!("warning: {word}"));
     }

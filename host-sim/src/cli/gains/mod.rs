@@ -22,7 +22,7 @@ use clap::Args;
 use clap::Subcommand;
 use flexor::control::LawParameters;
 use serde_json::{Map, Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Arguments of `gains`.
 #[derive(Args)]
@@ -84,6 +84,13 @@ impl Setting {
 }
 
 impl PlantArgs {
+    /// The files that are read.
+    fn inputs(&self) -> impl Iterator<Item = Option<&Path>> {
+        let files = [&self.controller, &self.plant, &self.spread];
+        let inputs = self.common.inputs().into_iter();
+        inputs.chain(files.map(|file| file.as_deref()))
+    }
+
     fn setting(&self) -> Result<Setting, CliError> {
         let (arm, task) = self.common.load()?;
         let law = controller(self.controller.as_deref())?;
@@ -218,7 +225,7 @@ fn write_page(
     map_of: [GainId; 2],
     warnings: &[String],
     facts: &[(String, String)],
-    output: &Output<'_>,
+    output: &Output,
 ) -> Result<String, CliError> {
     let page = pages::GainsContent {
         plan: &setting.planned.plan,
@@ -229,7 +236,7 @@ fn write_page(
         warnings,
         facts,
     };
-    pages::gains(output.folder, &page)
+    pages::gains(output, &page)
 }
 
 /// Gains as facts.

@@ -78,10 +78,10 @@ impl TuneArgs {
 
 /// Searches, and writes and prints what was found.
 pub(super) fn tune_command(args: &TuneArgs) -> Result<(), CliError> {
+    let output = Output::open(&args.out, args.plants.inputs())?;
     let setting = args.plants.setting()?;
     let plan = &setting.planned.plan;
     let options = args.options(&setting)?;
-    let output = Output::new(&args.out)?;
     let since = Instant::now();
     let progress = progress_bar(tune::effort(&options), "laws and points tried, {eta} left");
     let tuned = tune::tune(plan, &options, &|| progress.inc(1));
@@ -112,6 +112,7 @@ pub(super) fn tune_command(args: &TuneArgs) -> Result<(), CliError> {
     summary.insert("wall_ms".into(), json!(wall_ms));
     let summary = Value::Object(summary);
     output.json("summary.json", &summary)?;
+    output.commit()?;
     if args.plants.common.json {
         return print(&summary);
     }
