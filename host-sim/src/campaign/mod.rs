@@ -1,0 +1,4 @@
+//! Campaigns: many runs of one scenario, each with values of its own, and what they show.
+
+pub mod identity;
+pub mod record;
