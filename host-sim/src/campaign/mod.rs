@@ -1,4 +1,6 @@
 //! Campaigns: many runs of one scenario, each with values of its own, and what they show.
 
+pub mod drivers;
 pub mod identity;
 pub mod record;
+pub mod statistics;
