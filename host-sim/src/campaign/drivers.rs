@@ -54,14 +54,14 @@ pub struct Driver {
 /// that do not vary are left out. Empty where no run or every run failed.
 pub fn of_failure(records: &CampaignRecords) -> Vec<Driver> {
     let failed = |run: &RunRecord| f64::from(u8::from(run.figures.outcome.failed()));
-    drivers(records, records.runs.iter().collect(), &failed)
+    drivers(records, &records.runs.iter().collect::<Vec<_>>(), &failed)
 }
 
 /// The parameters by the magnitude of their rank correlation with the force error's rms, over the
 /// runs that did not fail: that of a failed run tells when it was stopped.
 pub fn of_force_error(records: &CampaignRecords) -> Vec<Driver> {
     let completed = records.runs.iter().filter(|r| !r.figures.outcome.failed());
-    drivers(records, completed.collect(), &|run| {
+    drivers(records, &completed.collect::<Vec<_>>(), &|run| {
         run.figures.force_error_rms_n
     })
 }
@@ -78,7 +78,7 @@ fn aspects(runs: &[&RunRecord], parameter: usize) -> Vec<Aspect> {
 
 fn drivers(
     records: &CampaignRecords,
-    runs: Vec<&RunRecord>,
+    runs: &[&RunRecord],
     effect: &dyn Fn(&RunRecord) -> f64,
 ) -> Vec<Driver> {
     let effect: Vec<f64> = runs.iter().map(|run| effect(run)).collect();
@@ -87,7 +87,7 @@ fn drivers(
     let mut found = vec![];
     for parameter in 0..records.parameters.len() {
         let mut best: Option<Driver> = None;
-        for aspect in aspects(&runs, parameter) {
+        for aspect in aspects(runs, parameter) {
             let cause: Vec<f64> = runs.iter().map(|r| aspect.of(r.drawn[parameter])).collect();
             let Some(correlation) = pearson(&ranks(&cause), &effect) else {
                 continue;

@@ -4,3 +4,4 @@ pub mod drivers;
 pub mod identity;
 pub mod record;
 pub mod statistics;
+pub mod verdict;
