@@ -158,6 +158,7 @@ fn the_host_imports_one_way() {
         "plant",
         "simulation",
         "analysis",
+        "campaign",
     ];
     let files = [&below[..], &["target", "files"]].concat();
     let cli = [&files[..], &["report"]].concat();
@@ -170,7 +171,8 @@ fn the_host_imports_one_way() {
             ("plant", &["text", "model"]),
             ("simulation", &below[..4]),
             ("analysis", &below[..5]),
-            ("target", &below),
+            ("campaign", &below[..6]),
+            ("target", &below[..6]),
             ("files", &below),
             ("report", &files),
             ("cli", &cli),

@@ -10,19 +10,23 @@
 //! | [`plant`] | the simulated arm; it knows the model and nothing of the planner |
 //! | [`simulation`] | controller and plant in lock-step |
 //! | [`analysis`] | stability and tuning; range analysis and accuracy of the number types |
+//! | `campaign` | many runs of a scenario: their records, statistics and verdict |
 //! | [`target`] | the firmware's image in QEMU, or a board: requests, answers, comparison |
 //! | [`files`] | the user's files, checked; results as CSV and JSON |
 //! | `report` | pictures and a page |
 //! | `cli` | the command line |
 //!
-//! The features `report` (pictures and pages), `tune` (the search for gains), `target` and
-//! `cli` can each be left out with what they need; `files` writes results with `export`, and
-//! the analysis of stability is there with `stability`, which those who need them switch on.
+//! The features `campaign` (many runs on the bench), `report` (pictures and pages), `tune` (the
+//! search for gains), `target` and `cli` can each be left out with what they need; `files` writes
+//! results with `export`, and the analysis of stability is there with `stability`, which those who
+//! need them switch on.
 
 // Tests may compare with the platform's functions.
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
 pub mod analysis;
+#[cfg(feature = "campaign")]
+pub mod campaign;
 #[cfg(feature = "cli")]
 pub mod cli;
 pub mod files;

@@ -41,7 +41,7 @@ pub(crate) fn test() -> Result<()> {
 /// Checks the host's library with each of its optional parts alone, and with none: in each no
 /// warning.
 fn features() -> Result<()> {
-    for feature in ["", "bench", "cli", "report", "tune", "target"] {
+    for feature in ["", "bench", "campaign", "cli", "report", "tune", "target"] {
         run(Command::new("cargo")
             .current_dir(root())
             .args(["clippy", "--package", "flexor-sim", "--no-default-features"])
