@@ -194,6 +194,7 @@ impl CompliantReading {
         Stimulus {
             motor_angle: self.motor_angle,
             root_moment: self.root_moment,
+            root_slope: self.root_slope,
             force: self.tip_force(),
         }
     }

@@ -11,7 +11,7 @@
 //! plant's integration step.
 
 use crate::plant::bench::lanes::Lanes;
-use crate::plant::bench::noise::Noise;
+use crate::plant::bench::noise::RandomStream;
 use crate::plant::bench::runge_kutta::STAGE_TIME;
 use flexor::signals::Saturation;
 
@@ -53,7 +53,7 @@ impl Default for DriveParameters {
 #[derive(Clone, Debug)]
 pub struct Drive {
     parameters: DriveParameters,
-    noise: Noise,
+    noise: RandomStream,
     /// The latest commands, the newest first.
     commands: [f64; DELAY_TICKS_MAX + 1],
 }
@@ -64,7 +64,7 @@ impl Drive {
     pub fn new(parameters: &DriveParameters, torque: f64, seed: u64, stream: u64) -> Self {
         Self {
             parameters: *parameters,
-            noise: Noise::new(seed, stream),
+            noise: RandomStream::new(seed, stream),
             commands: [torque; DELAY_TICKS_MAX + 1],
         }
     }

@@ -34,9 +34,10 @@ pub use contact::ContactParameters;
 pub use drive::{DELAY_TICKS_MAX, Drive, DriveParameters};
 pub use four_lanes::F64x4;
 pub use joint::{Cogging, GearPlay, JointFriction, JointParameters};
+pub use noise::RandomStream;
 pub use runge_kutta::STEP_TIMES_EIGENVALUE;
 pub use sensors::{
-    AnalogErrors, Channels, ConverterChannel, EncoderChannel, Sensed, SensorParameters, Sensors,
-    Stimulus,
+    AnalogErrors, Channels, ConverterChannel, EncoderChannel, GaugeSignal, Sensed,
+    SensorParameters, Sensors, Stimulus,
 };
 pub use surface::{SurfaceFeature, SurfaceProfile};

@@ -8,11 +8,11 @@ use rand_xoshiro::rand_core::{RngCore, SeedableRng};
 /// Every source of noise has a stream of its own, so that switching one off leaves the
 /// others' numbers as they were.
 #[derive(Clone, Debug)]
-pub(super) struct Noise(Xoshiro256PlusPlus);
+pub struct RandomStream(Xoshiro256PlusPlus);
 
-impl Noise {
+impl RandomStream {
     /// The numbered `stream` of `seed`.
-    pub(super) fn new(seed: u64, stream: u64) -> Self {
+    pub fn new(seed: u64, stream: u64) -> Self {
         // The generator's own seeding (SplitMix64) decorrelates neighbouring numbers.
         Self(Xoshiro256PlusPlus::seed_from_u64(
             seed ^ stream.wrapping_mul(0x9e37_79b9_7f4a_7c15),
@@ -20,13 +20,13 @@ impl Noise {
     }
 
     /// Uniform in [0, 1), of 53 random bits.
-    pub(super) fn uniform(&mut self) -> f64 {
+    pub fn uniform(&mut self) -> f64 {
         (self.0.next_u64() >> 11) as f64 * (1.0 / 9_007_199_254_740_992.0)
     }
 
     /// Mean 0 and variance 1, bell-shaped and within +-3.47: the sum of four uniform numbers
     /// (Irwin and Hall), because no amplifier's noise is unbounded.
-    pub(super) fn bell(&mut self) -> f64 {
+    pub fn bell(&mut self) -> f64 {
         let sum: f64 = (0..4).map(|_| self.uniform()).sum();
         (sum - 2.0) * SQRT_3
     }
@@ -43,7 +43,7 @@ mod tests {
     fn it_has_unit_variance_and_repeats() {
         let count = 100_000;
         let draw = |seed, stream| {
-            let mut noise = Noise::new(seed, stream);
+            let mut noise = RandomStream::new(seed, stream);
             (0..count).map(|_| noise.bell()).collect::<Vec<_>>()
         };
         let first = draw(7, 0);

@@ -3,7 +3,7 @@
 //! | sensor | measures |
 //! |---|---|
 //! | encoders | the motors' angles; joint 2's is `theta20 + w'(0) - theta10` (with gear play: the rotor's) |
-//! | root gauge | the bending moment M at link 2's root, as the slope `r2 M / (3 EI)` that a load at the tip alone would give |
+//! | root gauge | the bending moment M at link 2's root, as the slope `r2 M / (3 EI)` that a load at the tip alone would give ([`GaugeSignal`] has the other) |
 //! | force cell | the force of the tip on the surface along the *planned* normal: on a tilted surface it sees some of the friction |
 //!
 //! `M = tau2 - J_r (theta20'' + E.w'')`, with `tau2` the torque on the root after friction: a
@@ -13,7 +13,7 @@
 //! 16 bits wrap. Where a conversion drops out, the last one stands and is not `fresh`.
 
 use crate::plant::bench::drive::DELAY_TICKS_MAX;
-use crate::plant::bench::noise::Noise;
+use crate::plant::bench::noise::RandomStream;
 use flexor::link::RawSample;
 use flexor::supervisor::{BoardParameters, ConverterScale};
 
@@ -107,6 +107,17 @@ impl Default for AnalogErrors {
     }
 }
 
+/// What a root gauge shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum GaugeSignal {
+    /// The bending moment, which is what a strain gauge measures.
+    #[default]
+    Moment,
+    /// The slope of the root against the chord, which no gauge measures: what the paper's law
+    /// asks for.
+    Slope,
+}
+
 /// What the sensors are like.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorParameters {
@@ -114,6 +125,8 @@ pub struct SensorParameters {
     pub homing_rad: [f64; 2],
     /// Whole ticks that the encoders are late, up to [`DELAY_TICKS_MAX`].
     pub encoder_delay_ticks: usize,
+    /// What the root gauge shows.
+    pub gauge_signal: GaugeSignal,
     /// Slope that the gauge's moment stands for, `r2 / (3 EI)` of the real link, rad/(N m).
     pub slope_per_moment: f64,
     /// Errors of the root gauge, rad.
@@ -133,6 +146,7 @@ impl SensorParameters {
         Self {
             homing_rad: [0.0; 2],
             encoder_delay_ticks: 0,
+            gauge_signal: GaugeSignal::Moment,
             slope_per_moment,
             gauge: AnalogErrors::default(),
             normal,
@@ -149,6 +163,8 @@ pub struct Stimulus {
     pub motor_angle: [f64; 2],
     /// Moment at link 2's root, N m.
     pub root_moment: f64,
+    /// Slope of link 2 at its root against the chord, rad.
+    pub root_slope: f64,
     /// Force of the tip on the surface in inertial axes, N.
     pub force: [f64; 2],
 }
@@ -190,9 +206,9 @@ pub struct Sensors {
     parameters: SensorParameters,
     period: f64,
     tick: u64,
-    gauge_noise: Noise,
-    cell_noise: Noise,
-    dropouts: Noise,
+    gauge_noise: RandomStream,
+    cell_noise: RandomStream,
+    dropouts: RandomStream,
     angles: History<[f64; 2]>,
     strain: History<f64>,
     force: History<f64>,
@@ -208,9 +224,9 @@ impl Sensors {
             parameters: *parameters,
             period: period_s,
             tick: 0,
-            gauge_noise: Noise::new(seed, 11),
-            cell_noise: Noise::new(seed, 12),
-            dropouts: Noise::new(seed, 13),
+            gauge_noise: RandomStream::new(seed, 11),
+            cell_noise: RandomStream::new(seed, 12),
+            dropouts: RandomStream::new(seed, 13),
             angles: [[0.0; 2]; DELAY_TICKS_MAX + 1],
             strain: [0.0; DELAY_TICKS_MAX + 1],
             force: [0.0; DELAY_TICKS_MAX + 1],
@@ -270,9 +286,12 @@ impl Sensors {
         [0, 1].map(|i| now.motor_angle[i] + self.parameters.homing_rad[i])
     }
 
-    /// The slope that the moment stands for, rad.
+    /// What the gauge shows, as a slope, rad.
     fn slope(&self, now: &Stimulus) -> f64 {
-        now.root_moment * self.parameters.slope_per_moment
+        match self.parameters.gauge_signal {
+            GaugeSignal::Moment => now.root_moment * self.parameters.slope_per_moment,
+            GaugeSignal::Slope => now.root_slope,
+        }
     }
 
     /// The force along the cell, N.
@@ -335,6 +354,7 @@ mod tests {
         Stimulus {
             motor_angle: [1.0, -1.5],
             root_moment: 0.3,
+            root_slope: 0.2,
             force: [0.0, force],
         }
     }
@@ -398,6 +418,11 @@ mod tests {
         // A second later.
         let drifted = sensors.sense(&stimulus(2.0)).0.strain;
         assert!((drifted - exact - 1e-3).abs() < 1e-15);
+        // The gauge that the paper's law asks for.
+        let mut wished = ideal();
+        wished.gauge_signal = GaugeSignal::Slope;
+        let mut sensors = Sensors::new(&wished, 0.5, &stimulus(2.0), 1);
+        assert_eq!(sensors.sense(&stimulus(2.0)).0.strain, 0.2);
     }
 
     #[test]
@@ -428,6 +453,7 @@ mod tests {
             let now = Stimulus {
                 motor_angle: [f64::from(tick), 0.0],
                 root_moment: f64::from(tick),
+                root_slope: 0.0,
                 force: [0.0, f64::from(tick)],
             };
             let (seen, fresh) = sensors.sense(&now);
@@ -477,7 +503,7 @@ mod tests {
         fn whatever_is_measured_becomes_counts_in_range(
             a: f64, b: f64, moment: f64, force: f64,
         ) {
-            let now = Stimulus { motor_angle: [a, b], root_moment: moment, force: [0.0, force] };
+            let now = Stimulus { motor_angle: [a, b], root_moment: moment, root_slope: 0.0, force: [0.0, force] };
             let mut sensors = Sensors::new(&ideal(), 2e-4, &now, 1);
             let raw = sensors.sample(&now, &CHANNELS);
             prop_assert!(raw.force <= 4095 && raw.strain <= 4095);
