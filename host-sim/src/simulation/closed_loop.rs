@@ -53,24 +53,52 @@ pub enum Outcome {
     /// To the end, pressing all the way.
     Completed,
     /// To the end, but a real tip would have left the surface on the way: the contact
-    /// force became negative.
+    /// force became negative. Where the contact is one-sided, losing it is a figure and no
+    /// outcome.
     ContactLost,
-    /// To the end, but more than [`TIP_ERROR_LIMIT_M`] off the path.
+    /// To the end, but farther off the path than the limit, [`TIP_ERROR_LIMIT_M`] where none is
+    /// given.
     TipOffPath,
+    /// To the end, but the contact force was farther off its reference than a limit that was
+    /// given.
+    ForceOff,
     /// The state became infinite or undefined, or the tip left the arm's reach; the
     /// run stopped there.
     Diverged,
-    /// The controller latched a fault and gave no torque from there on.
+    /// The controller, or the supervisor around it, latched a fault and gave no torque from there
+    /// on.
     Fault(Fault),
 }
 
 impl Outcome {
+    /// The outcomes that are no fault.
+    const OWN: [Self; 5] = [
+        Self::Completed,
+        Self::ContactLost,
+        Self::TipOffPath,
+        Self::ForceOff,
+        Self::Diverged,
+    ];
+
+    /// The outcome of this [`name`](Self::name).
+    pub fn from_name(name: &str) -> Option<Self> {
+        let faults = Fault::ALL.into_iter().map(Self::Fault);
+        let mut all = Self::OWN.into_iter().chain(faults);
+        all.find(|outcome| outcome.name() == name)
+    }
+
+    /// True for all but [`Completed`](Self::Completed).
+    pub fn failed(self) -> bool {
+        self != Self::Completed
+    }
+
     /// Stable name, as in `summary.json`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Completed => "completed",
             Self::ContactLost => "contact_lost",
             Self::TipOffPath => "tip_off_path",
+            Self::ForceOff => "force_off",
             Self::Diverged => "diverged",
             Self::Fault(fault) => fault.name(),
         }
@@ -387,7 +415,7 @@ fn in_reach(reading: &Reading, plan: &Plan) -> bool {
 }
 
 /// Figures of the rows; `outcome` judges them.
-fn summarise(rows: &[LogRow], outcome: impl Fn(&Summary) -> Outcome) -> Summary {
+pub(super) fn summarise(rows: &[LogRow], outcome: impl Fn(&Summary) -> Outcome) -> Summary {
     let largest = |f: &dyn Fn(&LogRow) -> f64| rows.iter().map(f).fold(0.0, f64::max);
     let rms = |f: &dyn Fn(&LogRow) -> f64| {
         (rows.iter().map(|r| f(r) * f(r)).sum::<f64>() / rows.len().max(1) as f64).sqrt()
@@ -411,4 +439,19 @@ fn summarise(rows: &[LogRow], outcome: impl Fn(&Summary) -> Outcome) -> Summary 
     };
     summary.outcome = outcome(&summary);
     summary
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_outcome_has_a_name_of_its_own() {
+        let faults = Fault::ALL.map(Outcome::Fault);
+        for outcome in Outcome::OWN.into_iter().chain(faults) {
+            assert_eq!(Outcome::from_name(outcome.name()), Some(outcome));
+            assert_eq!(outcome.failed(), outcome.name() != "completed");
+        }
+        assert_eq!(Outcome::from_name("Completed"), None);
+    }
 }

@@ -94,6 +94,17 @@ impl LawParameters {
         slope_rate_feedback: SlopeRateFeedback::Deviation,
         feedforward: true,
     };
+
+    /// True with any gain on force or slope rate.
+    pub fn has_feedback(&self) -> bool {
+        let gains = [
+            self.force_derivative_s,
+            self.force_proportional,
+            self.force_integral_per_s,
+            self.slope_rate_nms_rad,
+        ];
+        gains.iter().any(|gain| *gain != 0.0)
+    }
 }
 
 /// The law's coefficients in the tick's number type.

@@ -33,6 +33,11 @@ impl<'a> ControllerSlot<'a> {
         core::mem::swap(&mut self.place, &mut other.place);
     }
 
+    /// The controller, to look at; `None` if the slot is empty.
+    pub(super) fn look(&self) -> Option<&Controller<'a, f32>> {
+        self.place.as_ref()
+    }
+
     /// The controller; `None` if the slot is empty.
     #[inline]
     pub(super) fn controller(&mut self) -> Option<&mut Controller<'a, f32>> {

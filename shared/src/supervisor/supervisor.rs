@@ -273,6 +273,11 @@ impl<'a> Supervisor<'a> {
         true
     }
 
+    /// The controller that runs, or ran last, for whoever logs its state; `None` before the first.
+    pub fn controller(&self) -> Option<&Controller<'a, f32>> {
+        self.slot.look()
+    }
+
     /// What the last tick gave.
     pub fn last_reply(&self) -> TickReply {
         self.outbox

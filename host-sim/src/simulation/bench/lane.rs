@@ -1,0 +1,165 @@
+//! One board with its sensors and drives: the supervisor in the loop, and the faults around it.
+
+use crate::plant::bench::{Channels, CompliantReading, Drive, DriveParameters, Sensors};
+use crate::simulation::bench::arm::{BenchArm, BenchBoard};
+use crate::simulation::bench::injection::{FaultKind, Injection};
+use flexor::control::Controller;
+use flexor::fault::Fault;
+use flexor::link::{Interlocks, RawSample};
+use flexor::signals::Saturation;
+use flexor::supervisor::{ControllerSlot, DriveScale, MemoryBoard, Supervisor};
+
+/// What a tick of the board gave.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct BoardTick {
+    /// The counts that it read.
+    pub(super) sample: RawSample,
+    /// Torques that it commanded, N m; 0 with the drives off.
+    pub(super) torque: [f64; 2],
+    /// How they were limited.
+    pub(super) saturation: [Saturation; 2],
+    /// The latched fault.
+    pub(super) fault: Option<Fault>,
+    /// What the law's integral holds, N.
+    pub(super) integral: f64,
+    /// What the drives tend to until the next tick, N m.
+    pub(super) target: [f64; 2],
+}
+
+/// Counts that an encoder may pass from one tick to the next while the arm is moved by hand.
+const HAND_COUNTS: f64 = 8192.0;
+
+/// A board, homed and enabled, in the loop.
+pub(super) struct Lane<'a> {
+    supervisor: Supervisor<'a>,
+    board: MemoryBoard,
+    channels: Channels,
+    scales: [DriveScale; 2],
+    sensors: Sensors,
+    drives: [Drive; 2],
+    injection: Injection,
+    /// What the drives have been giving, N m.
+    target: [f64; 2],
+}
+
+impl<'a> Lane<'a> {
+    /// A board before the arm, which reads `first`: homed, moved to its start, enabled with
+    /// `controller`. `places` are where the supervisor keeps its controllers. The drives have been
+    /// commanded `planned` (N m) for long.
+    pub(super) fn new(
+        arm: &BenchArm,
+        board: &BenchBoard,
+        (controller, places): (
+            Controller<'a, f32>,
+            &'a mut [Option<Controller<'a, f32>>; 2],
+        ),
+        first: &CompliantReading,
+        planned: [f64; 2],
+        tick_rate_hz: u32,
+    ) -> Self {
+        let period_s = 1.0 / f64::from(tick_rate_hz);
+        let channels = board.channels;
+        let mut sensors = Sensors::new(&arm.sensors, period_s, &first.stimulus(), arm.seed);
+        let start = sensors.sample(&first.stimulus(), &channels);
+        let mut memory = MemoryBoard::new(RawSample {
+            encoder: [0; 2],
+            ..start
+        });
+        let [running, next] = places;
+        let slot = ControllerSlot::new(running);
+        let mut supervisor = Supervisor::new(
+            &mut memory,
+            slot,
+            &board.safety,
+            &board.calibration,
+            tick_rate_hz,
+        );
+        // At its home pose the encoders count 0; from there it is moved by hand.
+        supervisor.tick(&mut memory);
+        let homed = supervisor.home();
+        debug_assert!(homed.is_ok(), "a disabled board can be homed");
+        let turned = [0, 1].map(|i| {
+            let channel = &channels.encoder[i];
+            let angle = first.motor_angle[i] + arm.sensors.homing_rad[i];
+            (angle - channel.home_rad) / channel.rad_per_count
+        });
+        let furthest = turned.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+        let moves = (furthest / HAND_COUNTS).ceil().max(1.0) as u32;
+        for i in 1..=moves {
+            let share = f64::from(i) / f64::from(moves);
+            memory.sample.encoder = turned.map(|counts| (counts * share).round() as i64 as u16);
+            supervisor.tick(&mut memory);
+        }
+        let mut prepared = ControllerSlot::new(next);
+        prepared.put(controller);
+        let enabled = supervisor.enable(&mut prepared);
+        debug_assert!(enabled.is_ok(), "a disabled board can be enabled");
+        let drives = [0, 1].map(|i| {
+            let parameters = DriveParameters {
+                limit_nm: arm.parameters.drives[i]
+                    .limit_nm
+                    .min(board.drive_limit_nm[i]),
+                ..arm.parameters.drives[i]
+            };
+            Drive::new(&parameters, planned[i], arm.seed, 21 + i as u64)
+        });
+        Self {
+            supervisor,
+            board: memory,
+            channels,
+            scales: board.drives,
+            sensors,
+            drives,
+            injection: Injection::new(&arm.faults, &channels, period_s, arm.seed),
+            target: planned,
+        }
+    }
+
+    /// The tick at `t_s` (s) with the arm as `reading` says.
+    pub(super) fn tick(&mut self, t_s: f64, reading: &CompliantReading) -> BoardTick {
+        let sensed = self.sensors.sample(&reading.stimulus(), &self.channels);
+        self.injection.advance(t_s, &sensed, self.target);
+        let sample = self.injection.sample(sensed);
+        if !self.injection.loses_tick() {
+            self.board.sample = sample;
+            self.board.interlocks = Interlocks {
+                estop_released: !self.injection.has(FaultKind::EmergencyStop),
+                drives_ok: !self.injection.has(FaultKind::DriveFault),
+            };
+            self.board.timer_due = self.injection.has(FaultKind::TickOverrun);
+            if !self.injection.has(FaultKind::LinkLost) {
+                self.supervisor.link_alive();
+            }
+            self.supervisor.tick(&mut self.board);
+        }
+        let reply = self.supervisor.last_reply();
+        let command = self.board.torque;
+        // A drive that is disabled gives no torque; one that is enabled what its count says.
+        let torque = [0, 1].map(|i| {
+            command.map_or(0.0, |torque| {
+                let scale = &self.scales[i];
+                f64::from(scale.torque(scale.count(torque[i])))
+            })
+        });
+        let asked = [0, 1].map(|i| self.drives[i].command(torque[i]).0);
+        let asked = match command {
+            Some(_) => asked,
+            None => [0.0; 2],
+        };
+        self.target = self.injection.torque(asked);
+        BoardTick {
+            sample,
+            torque: command.map_or([0.0; 2], |torque| torque.map(f64::from)),
+            saturation: match command {
+                Some(_) => reply.saturation,
+                None => [Saturation::None; 2],
+            },
+            fault: self.supervisor.status().fault,
+            integral: self
+                .supervisor
+                .controller()
+                .map_or(0.0, |controller| f64::from(controller.state().integral)),
+            target: self.target,
+        }
+    }
+}

@@ -1,0 +1,35 @@
+//! The board and the arm in lock-step: from counts to counts, along a plan.
+//!
+//! ```text
+//! plant -> sensors -> counts -> Supervisor (sensing, monitor, controller, limits) -> counts
+//!       -> drives -> plant
+//! ```
+//!
+//! The middle is [`flexor::supervisor::Supervisor`] itself, on a board in memory: what a
+//! microcontroller runs, in f32. No stage that a board has is left out; what a perfect board
+//! would do is [`crate::simulation::closed_loop`].
+//!
+//! | file | responsible for |
+//! |---|---|
+//! | `arm` | one arm on the bench, and the board before it |
+//! | `bench` | several of them, tick by tick |
+//! | `lane` | one board with its sensors, drives and faults |
+//! | `injection` | faults at given times |
+//! | `figures`, `log` | what comes of a run: its figures alone, or everything |
+//!
+//! **Words.** A *lane* is one of the arms that advance side by side
+//! ([`crate::plant::bench::lanes`]). *Along* is the place along the planned surface.
+
+mod arm;
+#[expect(clippy::module_inception, reason = "the wing's main file has its name")]
+mod bench;
+mod figures;
+mod injection;
+mod lane;
+mod log;
+
+pub use arm::{ArmKind, BenchArm, BenchBoard, BenchError};
+pub use bench::{BenchRow, BenchTask, run};
+pub use figures::{FailureLimits, Figure, RunFigures};
+pub use injection::{AnalogChannel, AnalogFault, FAULT_NAMES, FaultKind, FaultName, TimedFault};
+pub use log::BenchLog;
