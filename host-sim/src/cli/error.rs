@@ -3,9 +3,13 @@
 use crate::analysis::fixed_point::accuracy::AccuracyError;
 use crate::analysis::fixed_point::range::RangeError;
 use crate::analysis::stability::StabilityError;
+use crate::campaign::engine::CampaignError;
+use crate::campaign::merge::MergeError;
+use crate::files::campaign_rows::RowsError;
 use crate::files::config::ConfigError;
 use crate::planner::table_fit::TableFitError;
 use crate::planner::task::PlanError;
+use crate::simulation::bench::BenchError;
 use crate::simulation::closed_loop::{Outcome, RunError};
 #[cfg(feature = "target")]
 use crate::target::TargetError;
@@ -66,6 +70,18 @@ pub(super) enum CliError {
     Stability(#[from] StabilityError),
     #[error("--at {}; accepted: a time of the plan from {} to {} s", Shortest(*at_s), Shortest(*start_s), Shortest(*end_s))]
     At { at_s: f64, start_s: f64, end_s: f64 },
+    #[error("--only {number}; accepted: a run from 0 to {}, as --runs says", runs - 1)]
+    NoRun { number: u64, runs: u64 },
+    #[error(transparent)]
+    Bench(#[from] BenchError),
+    #[error(transparent)]
+    Campaign(#[from] CampaignError),
+    #[error(transparent)]
+    Merge(#[from] MergeError),
+    #[error(transparent)]
+    Rows(#[from] RowsError),
+    #[error("the verdict does not hold: {0}")]
+    Verdict(String),
     #[error("--map {gain} {gain}; accepted: two different gains")]
     Map { gain: String },
     #[error("{what} has no effect {beside}")]
@@ -128,7 +144,8 @@ impl From<AccuracyError> for CliError {
 }
 
 impl CliError {
-    /// 2 where the user's input is at fault, 1 elsewhere.
+    /// 2 where the user's input is at fault, 3 where a verdict that was asked for is no, 1
+    /// elsewhere.
     pub(super) fn exit_code(&self) -> u8 {
         match self {
             Self::Config(_)
@@ -142,6 +159,11 @@ impl CliError {
             | Self::At { .. }
             | Self::Map { .. }
             | Self::NoEffect { .. }
+            | Self::NoRun { .. }
+            | Self::Bench(_)
+            | Self::Campaign(_)
+            | Self::Merge(_)
+            | Self::Rows(_)
             | Self::Range(_)
             | Self::TableFit(TableFitError::Inexact { .. })
             | Self::Run(_) => 2,
@@ -174,6 +196,7 @@ impl CliError {
             Self::Report(_) => 1,
             #[cfg(feature = "target")]
             Self::Pil(_) | Self::Differs { .. } | Self::RandomDiffers { .. } => 1,
+            Self::Verdict(_) => 3,
             Self::Fast(error) => error.exit_code(),
         }
     }

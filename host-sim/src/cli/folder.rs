@@ -142,7 +142,6 @@ impl Output {
     ///
     /// # Errors
     /// [`CliError::Unwritable`].
-    #[cfg_attr(not(test), expect(dead_code, reason = "for commands that resume"))]
     pub(super) fn keep(&self, name: &str) -> Result<PathBuf, CliError> {
         let kept = self.folder.join(KEPT);
         fs::create_dir_all(&kept).map_err(|cause| unwritable(&kept, cause))?;

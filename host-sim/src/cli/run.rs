@@ -1,5 +1,6 @@
 //! The command `run`: a task, a controller and a plant, simulated; `pil` takes the same.
 
+use super::bench::ScenarioArgs;
 use super::plan::Planned;
 use super::{
     CliError, Common, Output, accuracy, controller, gains, pages, print, print_facts, progress_bar,
@@ -15,6 +16,7 @@ use crate::simulation::closed_loop;
 use crate::simulation::closed_loop::{Outcome, Run, RunOptions};
 use crate::simulation::start::Start;
 use clap::{Args, ValueEnum};
+use flexor::control::LawParameters;
 use flexor::table::Table;
 use serde_json::{Map, Value, json};
 use std::fs::File;
@@ -55,13 +57,19 @@ pub(super) struct SimulationArgs {
 #[derive(Args)]
 pub(super) struct RunArgs {
     #[command(flatten)]
-    simulation: SimulationArgs,
-    /// Number type that the controller computes in
+    pub(super) simulation: SimulationArgs,
+    #[command(flatten)]
+    pub(super) scenario: ScenarioArgs,
+    /// Perfect readings and torques, and a rigid surface that holds the tip from both sides: the
+    /// paper's world, without board and scenario
+    #[arg(long, conflicts_with_all = ["scenario", "set", "board"])]
+    ideal: bool,
+    /// Number type that the controller computes in; another than f32 needs --ideal
     #[arg(long, value_enum, default_value_t = NumberArg::F32)]
     number: NumberArg,
     /// Folder for the results; made if it is not there
     #[arg(long, value_name = "DIR", default_value = "out/run")]
-    out: PathBuf,
+    pub(super) out: PathBuf,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -81,7 +89,7 @@ enum StartArg {
     Equilibrium,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum NumberArg {
     F32,
     F64,
@@ -90,6 +98,15 @@ enum NumberArg {
 }
 
 pub(super) fn run_command(args: &RunArgs) -> Result<(), CliError> {
+    if !args.ideal {
+        if args.number != NumberArg::F32 {
+            return Err(CliError::NoEffect {
+                what: "--number",
+                beside: "without --ideal: a board with sensors computes in f32",
+            });
+        }
+        return run_on_bench(args);
+    }
     let output = Output::open(&args.out, args.simulation.inputs())?;
     let simulation = args.simulation.prepare()?;
     let Simulation {
@@ -140,6 +157,52 @@ pub(super) fn run_command(args: &RunArgs) -> Result<(), CliError> {
         args.simulation.common.json,
     )?;
     simulation.judge(&run, &args.out)
+}
+
+/// `run` through the board's counts.
+fn run_on_bench(args: &RunArgs) -> Result<(), CliError> {
+    let simulation = &args.simulation;
+    let inputs = simulation
+        .inputs()
+        .chain([args.scenario.scenario.as_deref()]);
+    let output = Output::open(&args.out, inputs)?;
+    simulation.check_gains()?;
+    let mut bench = args
+        .scenario
+        .prepare(&simulation.common, simulation.controller.as_deref())?;
+    bench.law = simulation.mode(&bench.law).of(&bench.law);
+    let plan = &bench.planned.plan;
+    if let Some(file) = &simulation.table {
+        bench.planned.table.image = read_table(file, plan)?;
+    }
+    let mut setup = bench.config.scenario.middle();
+    if let Some(file) = &simulation.plant {
+        let (plant, start) = config::load(Some(file), "", config::parse_plant)?;
+        if start != Start::Equilibrium {
+            return Err(CliError::NoEffect {
+                what: "start",
+                beside: "without --ideal: the bench starts at the plant's own equilibrium",
+            });
+        }
+        setup.apply(&plant);
+    }
+    if simulation.start.is_some() {
+        return Err(CliError::NoEffect {
+            what: "--start",
+            beside: "without --ideal: the bench starts at the plant's own equilibrium",
+        });
+    }
+    let mut given = PlantParameters {
+        elements: setup.elements,
+        bending_stiffness_scale: setup.bending_stiffness_scale,
+        ..PlantParameters::default()
+    };
+    simulation.adjust(&mut given, &mut Start::default())?;
+    setup.elements = given.elements;
+    setup.bending_stiffness_scale = given.bending_stiffness_scale;
+    let arm = setup.on_bench(&bench.planned.plan, 1)?;
+    let nothing = (Map::new(), Vec::new());
+    bench.run(output, &arm, "Flexor: run", nothing, simulation.common.json)
 }
 
 /// What is to be run, planned.
@@ -215,12 +278,7 @@ impl SimulationArgs {
 
     /// Reads the files and plans.
     pub(super) fn prepare(&self) -> Result<Simulation, CliError> {
-        if matches!(self.mode, Some(ModeArg::Feedforward)) && self.controller.is_some() {
-            return Err(CliError::NoEffect {
-                what: "--controller",
-                beside: "with --mode feedforward, which has no gains: leave one of them out",
-            });
-        }
+        self.check_gains()?;
         let (arm, task) = self.common.load()?;
         let law = controller(self.controller.as_deref())?;
         let (mut plant, mut start) = config::load(self.plant.as_deref(), "", config::parse_plant)?;
@@ -229,13 +287,7 @@ impl SimulationArgs {
         if let Some(file) = &self.table {
             planned.table.image = read_table(file, &planned.plan)?;
         }
-        let mode = match self.mode {
-            Some(ModeArg::Proposed) => Mode::Proposed,
-            Some(ModeArg::Feedforward) => Mode::Feedforward,
-            Some(ModeArg::Feedback) => Mode::Feedback,
-            None if law.feedforward => Mode::Proposed,
-            None => Mode::Feedback,
-        };
+        let mode = self.mode(&law);
         let options = RunOptions {
             law: mode.of(&law),
             limits: planned.limits,
@@ -247,6 +299,28 @@ impl SimulationArgs {
             options,
             mode,
         })
+    }
+
+    /// Gains that nothing asks for are a mistake.
+    fn check_gains(&self) -> Result<(), CliError> {
+        if matches!(self.mode, Some(ModeArg::Feedforward)) && self.controller.is_some() {
+            return Err(CliError::NoEffect {
+                what: "--controller",
+                beside: "with --mode feedforward, which has no gains: leave one of them out",
+            });
+        }
+        Ok(())
+    }
+
+    /// Which part of `law` acts.
+    fn mode(&self, law: &LawParameters) -> Mode {
+        match self.mode {
+            Some(ModeArg::Proposed) => Mode::Proposed,
+            Some(ModeArg::Feedforward) => Mode::Feedforward,
+            Some(ModeArg::Feedback) => Mode::Feedback,
+            None if law.feedforward => Mode::Proposed,
+            None => Mode::Feedback,
+        }
     }
 
     /// Puts what was said on the command line before what the plant file says.

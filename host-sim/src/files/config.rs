@@ -8,6 +8,8 @@ mod board;
 mod controller;
 mod plant;
 mod ranges;
+#[cfg(feature = "campaign")]
+mod scenario;
 #[cfg(feature = "stability")]
 mod spread;
 mod task;
@@ -26,6 +28,8 @@ pub use arm::{ArmConfig, parse_arm};
 pub use board::{BoardConfig, parse_board};
 pub use controller::{DERIVATIVE_FILTER_HZ, controller_toml, parse_controller};
 pub use plant::parse_plant;
+#[cfg(feature = "campaign")]
+pub use scenario::{ScenarioConfig, load_scenario, parse_scenario};
 #[cfg(feature = "stability")]
 pub use spread::parse_spread;
 pub use task::parse_task;
@@ -150,7 +154,7 @@ const WRITTEN_MAX: usize = 40;
 const MESSAGE_MAX: usize = 400;
 
 /// Bytes of a file that are read: enough for any of these files with comments.
-const FILE_BYTES_MAX: u64 = 1 << 20;
+pub const FILE_BYTES_MAX: u64 = 1 << 20;
 
 /// Checks values against their ranges.
 struct Check<'a> {
@@ -229,17 +233,26 @@ pub fn load<T>(
     let Some(path) = path else {
         return parse("built-in example", default);
     };
+    let (file, text) = read_text(path, FILE_BYTES_MAX)?;
+    parse(&file, &text)
+}
+
+/// The name and the text of a file of up to `bytes_max` bytes.
+///
+/// # Errors
+/// [`ConfigError::Unreadable`], [`ConfigError::Malformed`] if it is longer.
+pub fn read_text(path: &Path, bytes_max: u64) -> Result<(String, String), ConfigError> {
     let file = path.display().to_string();
     let mut text = String::new();
     // One byte more than is accepted; a device would never end.
-    let read = File::open(path)
-        .and_then(|opened| opened.take(FILE_BYTES_MAX + 1).read_to_string(&mut text));
+    let read =
+        File::open(path).and_then(|opened| opened.take(bytes_max + 1).read_to_string(&mut text));
     match read {
-        Ok(bytes) if bytes as u64 > FILE_BYTES_MAX => Err(ConfigError::Malformed {
+        Ok(bytes) if bytes as u64 > bytes_max => Err(ConfigError::Malformed {
             file,
-            message: format!("more than {FILE_BYTES_MAX} bytes; accepted: up to as many"),
+            message: format!("more than {bytes_max} bytes; accepted: up to as many"),
         }),
-        Ok(_) => parse(&file, &text),
+        Ok(_) => Ok((file, text)),
         Err(cause) => Err(ConfigError::Unreadable { file, cause }),
     }
 }

@@ -2,7 +2,11 @@
 //! JSON.
 
 use crate::planner::plan::Plan;
-use crate::simulation::closed_loop::{Run, Summary};
+#[cfg(feature = "bench")]
+use crate::simulation::bench::{BenchRow, RunFigures};
+use crate::simulation::closed_loop::{LogRow, Run, Summary};
+#[cfg(feature = "bench")]
+use flexor::fault::Fault;
 use flexor::signals::Saturation;
 use serde_json::{Map, Value, json};
 use std::io::{self, Write};
@@ -62,52 +66,123 @@ pub fn plan_csv(plan: &Plan, writer: impl Write) -> io::Result<()> {
 /// The writer's.
 pub fn run_csv(run: &Run, writer: impl Write) -> io::Result<()> {
     let mut csv = csv::Writer::from_writer(writer);
-    csv.write_record([
-        "t_s",
-        "f_normal_N",
-        "f_normal_ref_N",
-        "x1_m",
-        "x2_m",
-        "x1_ref_m",
-        "x2_ref_m",
-        "theta10_rad",
-        "theta20_rad",
-        "root_slope_rad",
-        "root_slope_rate_rad_s",
-        "tau1_Nm",
-        "tau2_Nm",
-        "limited1",
-        "limited2",
-        "force_integral_N",
-    ])?;
+    csv.write_record(RUN_COLUMNS)?;
+    for row in &run.rows {
+        csv.write_record(run_values(row).map(|x| x.to_string()))?;
+    }
+    csv.flush()
+}
+
+/// Columns of every run.
+const RUN_COLUMNS: [&str; 16] = [
+    "t_s",
+    "f_normal_N",
+    "f_normal_ref_N",
+    "x1_m",
+    "x2_m",
+    "x1_ref_m",
+    "x2_ref_m",
+    "theta10_rad",
+    "theta20_rad",
+    "root_slope_rad",
+    "root_slope_rate_rad_s",
+    "tau1_Nm",
+    "tau2_Nm",
+    "limited1",
+    "limited2",
+    "force_integral_N",
+];
+
+/// Columns that runs on the bench have besides.
+#[cfg(feature = "bench")]
+const BENCH_COLUMNS: [&str; 11] = [
+    "f_friction_N",
+    "root_moment_Nm",
+    "motor1_rad",
+    "motor2_rad",
+    "drive1_Nm",
+    "drive2_Nm",
+    "encoder1_count",
+    "encoder2_count",
+    "force_count",
+    "strain_count",
+    "fault",
+];
+
+/// The values of [`RUN_COLUMNS`].
+fn run_values(row: &LogRow) -> [f64; 16] {
     let side = |saturation| match saturation {
         Saturation::None => 0.0,
         Saturation::Upper => 1.0,
         Saturation::Lower => -1.0,
     };
-    for row in &run.rows {
+    let r = &row.reading;
+    [
+        row.t,
+        r.force,
+        row.force_reference,
+        r.tip[0],
+        r.tip[1],
+        row.tip_reference[0],
+        row.tip_reference[1],
+        r.angle[0],
+        r.angle[1],
+        r.root_slope,
+        r.root_slope_rate,
+        row.torque[0],
+        row.torque[1],
+        side(row.saturation[0]),
+        side(row.saturation[1]),
+        row.integral,
+    ]
+}
+
+/// Writes a run on the bench as CSV, one row a tick: the columns of [`run_csv`], then what only the
+/// bench has: friction on the surface and moment at link 2's root, the motors' angles, what the
+/// drives tend to, the counts that the board read, and the number of the fault that it has latched
+/// (0 for none). `limited` and torques are the board's commands.
+///
+/// # Errors
+/// The writer's.
+#[cfg(feature = "bench")]
+pub fn bench_csv(rows: &[BenchRow], writer: impl Write) -> io::Result<()> {
+    let mut csv = csv::Writer::from_writer(writer);
+    csv.write_record(RUN_COLUMNS.iter().chain(&BENCH_COLUMNS))?;
+    for row in rows {
         let r = &row.reading;
-        let values = [
-            row.t,
-            r.force,
-            row.force_reference,
-            r.tip[0],
-            r.tip[1],
-            row.tip_reference[0],
-            row.tip_reference[1],
-            r.angle[0],
-            r.angle[1],
-            r.root_slope,
-            r.root_slope_rate,
-            row.torque[0],
-            row.torque[1],
-            side(row.saturation[0]),
-            side(row.saturation[1]),
-            row.integral,
+        let raw = &row.sample;
+        let own = [
+            r.friction_force,
+            r.root_moment,
+            r.motor_angle[0],
+            r.motor_angle[1],
+            row.target[0],
+            row.target[1],
+            f64::from(raw.encoder[0]),
+            f64::from(raw.encoder[1]),
+            f64::from(raw.force),
+            f64::from(raw.strain),
+            f64::from(row.fault.map_or(0, Fault::number)),
         ];
-        csv.write_record(values.map(|x| x.to_string()))?;
+        let common = run_values(&LogRow::from(row));
+        csv.write_record(common.iter().chain(&own).map(ToString::to_string))?;
     }
     csv.flush()
+}
+
+/// What a run on the bench has besides [`summary_json`].
+#[cfg(feature = "bench")]
+pub fn bench_json(figures: &RunFigures) -> Map<String, Value> {
+    object([
+        ("along_error_rms_m", json!(figures.along_error_rms_m)),
+        ("along_error_max_m", json!(figures.along_error_max_m)),
+        ("contact_lost_s", json!(figures.contact_lost_s)),
+        (
+            "contact_lost_longest_s",
+            json!(figures.contact_lost_longest_s),
+        ),
+        ("force_max_N", json!(figures.force_max_n)),
+    ])
 }
 
 /// The errors and outcome of a run, as every summary has them.

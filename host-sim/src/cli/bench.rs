@@ -1,0 +1,221 @@
+//! What `run` and `campaign` share: scenario, plan, controller and board, ready for the bench.
+
+use super::plan::Planned;
+use super::{
+    CliError, Common, Output, controller, pages, print, print_facts, progress_bar, results, say,
+};
+use crate::campaign::identity::CampaignInput;
+use crate::files::config::{self, ConfigError, FILE_BYTES_MAX, ScenarioConfig, read_text};
+use crate::files::export;
+use crate::simulation::bench::{self, BenchArm, BenchBoard, BenchLog, BenchTask};
+use crate::simulation::closed_loop::Outcome;
+use crate::text::four_digits;
+use clap::Args;
+use flexor::control::LawParameters;
+use serde_json::{Map, Value, json};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::slice;
+use std::time::Instant;
+
+/// Which arms are on the bench.
+#[derive(Args, Clone)]
+pub(super) struct ScenarioArgs {
+    /// Arms, surface, drives and sensors as they are, and the files that they belong to; without
+    /// it all is ideal but the board's counts [examples/scenarios]
+    #[arg(long, value_name = "FILE")]
+    pub(super) scenario: Option<PathBuf>,
+    /// A value of the scenario, say contact.friction=0.3; may be given several times
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub(super) set: Vec<String>,
+}
+
+/// All that a bench's runs have in common.
+pub(super) struct Bench {
+    /// The plan with its table and limits.
+    pub(super) planned: Planned,
+    /// Gains and options of the law.
+    pub(super) law: LawParameters,
+    /// The board.
+    pub(super) board: BenchBoard,
+    /// The scenario.
+    pub(super) config: ScenarioConfig,
+    /// The texts that decide the runs.
+    pub(super) inputs: Vec<CampaignInput>,
+}
+
+impl ScenarioArgs {
+    /// Reads scenario and the files that it or `common` names, the command line's first, and plans.
+    pub(super) fn prepare(&self, common: &Common, gains: Option<&Path>) -> Result<Bench, CliError> {
+        let config = config::load_scenario(self.scenario.as_deref(), &self.set)?;
+        let mut common = common.clone();
+        for (given, named) in [
+            (&mut common.arm, &config.arm),
+            (&mut common.task, &config.task),
+            (&mut common.board, &config.board),
+        ] {
+            if given.is_none() {
+                given.clone_from(named);
+            }
+        }
+        let gains = gains.or(config.controller.as_deref());
+        let (arm, task) = common.load()?;
+        let law = controller(gains)?;
+        let planned = common.plan(&arm, &task)?;
+        let plan = &planned.plan;
+        let board = common.board()?.parameters;
+        // A board that was not named need not be the arm's.
+        let (board, enlarged) = match common.board {
+            Some(_) => (board, false),
+            None => {
+                let slopes = plan.points.iter().map(|point| point.root_slope.abs());
+                let slope = slopes.fold(0.0, f64::max);
+                board.fitted(plan.peaks.torque, plan.task.normal_force, slope)
+            }
+        };
+        if enlarged {
+            say(format_args!(
+                "note: the default board's ranges are too small for this arm; the bench takes drives of {} and {} N m; --board FILE says what there is",
+                board.drive_full_scale_nm[0], board.drive_full_scale_nm[1]
+            ));
+        }
+        let mut inputs = vec![CampaignInput {
+            option: "scenario".into(),
+            file: named(self.scenario.as_deref()),
+            text: config.canonical.clone(),
+        }];
+        for (option, file, default) in [
+            ("arm", common.arm.as_deref(), config::DEFAULT_ARM),
+            ("task", common.task.as_deref(), config::DEFAULT_TASK),
+            ("board", common.board.as_deref(), config::DEFAULT_BOARD),
+            ("controller", gains, config::DEFAULT_CONTROLLER),
+        ] {
+            inputs.push(CampaignInput {
+                option: option.into(),
+                file: named(file),
+                text: text(file, default)?,
+            });
+        }
+        let rate = CampaignInput {
+            option: "tick-rate-hz".into(),
+            file: String::new(),
+            text: plan.tick_rate_hz.to_string(),
+        };
+        inputs.push(rate);
+        Ok(Bench {
+            board: BenchBoard::from(&board),
+            planned,
+            law,
+            config,
+            inputs,
+        })
+    }
+}
+
+fn named(file: Option<&Path>) -> String {
+    file.map_or("built-in".into(), |file| file.display().to_string())
+}
+
+fn text(file: Option<&Path>, default: &str) -> Result<String, ConfigError> {
+    match file {
+        Some(file) => read_text(file, FILE_BYTES_MAX).map(|(_, text)| text),
+        None => Ok(default.to_string()),
+    }
+}
+
+impl Bench {
+    /// What every arm is to do.
+    pub(super) fn task(&self) -> BenchTask<'_> {
+        BenchTask {
+            plan: &self.planned.plan,
+            image: &self.planned.table.image,
+            law: &self.law,
+            limits: &self.planned.limits,
+            board: &self.board,
+            failure: &self.config.scenario.failure,
+        }
+    }
+}
+
+impl Bench {
+    /// Runs `arm`, writes everything, all that `output` gets, and prints the result. `keys` and
+    /// `facts` are what is particular to it.
+    pub(super) fn run(
+        &self,
+        output: Output,
+        arm: &BenchArm,
+        title: &str,
+        (keys, facts): (Map<String, Value>, Vec<(String, String)>),
+        json: bool,
+    ) -> Result<(), CliError> {
+        let plan = &self.planned.plan;
+        let since = Instant::now();
+        let progress = progress_bar(plan.points.len() as u64, "ticks, {eta} left");
+        let mut log = BenchLog::new(plan.points.len());
+        let figures = bench::run::<f64>(&self.task(), slice::from_ref(arm), |lane, row, plant| {
+            log.add(row, (plant, lane), arm);
+            progress.inc(1);
+        })?;
+        progress.finish_and_clear();
+        let figures = figures[0];
+        let (run, rows) = log.finish(&figures, arm);
+        let run_ms = since.elapsed().as_secs_f64() * 1e3;
+
+        let mut summary = export::summary_json(&run.summary);
+        summary.extend(export::bench_json(&figures));
+        summary.extend(self.planned.json());
+        summary.extend(keys);
+        summary.extend(export::object([
+            ("run_ms", json!(run_ms)),
+            ("plant_elements", json!(run.elements)),
+        ]));
+        let summary = Value::Object(summary);
+        output.write("plan.csv", |w| export::plan_csv(plan, w))?;
+        output.write("table.bin", |w| w.write_all(&self.planned.table.image))?;
+        output.write("run.csv", |w| export::bench_csv(&rows, w))?;
+        output.json("summary.json", &summary)?;
+        let mut all = self.planned.facts();
+        all.extend(facts);
+        all.extend([
+            (
+                "simulated in".into(),
+                format!("{run_ms:.0} ms, plant with {} elements", run.elements),
+            ),
+            (
+                "without contact".into(),
+                format!("{} ms", four_digits(1e3 * figures.contact_lost_s)),
+            ),
+            (
+                "along the surface".into(),
+                format!(
+                    "{} mm off at most",
+                    four_digits(1e3 * figures.along_error_max_m)
+                ),
+            ),
+        ]);
+        let name = match (self.law.feedforward, self.law.has_feedback()) {
+            (true, true) => "proposed",
+            (true, false) => "feedforward",
+            _ => "feedback",
+        };
+        let place = pages::runs(&output, title, &[(name, "bench", plan, &run)], &all)?;
+        let folder = output.folder().to_path_buf();
+        output.commit()?;
+        if json {
+            print(&summary)?;
+        } else {
+            print_facts(&all)?;
+            print("")?;
+            print(results([(name, "bench", &run)]))?;
+            print(format_args!("\n{place}"))?;
+        }
+        if figures.outcome == Outcome::Diverged {
+            return Err(CliError::Stopped {
+                t_s: figures.ended_s,
+                outcome: figures.outcome,
+                out: folder,
+            });
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,455 @@
+//! The command `campaign`: thousands of runs of a scenario, and shards of them put together.
+
+use super::bench::{Bench, ScenarioArgs};
+use super::folder::Output;
+use super::{CliError, Common, pages, print, print_facts, progress_bar, say};
+use crate::campaign::engine::Campaign;
+use crate::campaign::findings::Findings;
+use crate::campaign::identity::{CampaignIdentity, Shard};
+use crate::campaign::merge::{ShardResults, merge};
+use crate::campaign::record::{CampaignRecords, RunRecord};
+use crate::campaign::scenario::Scenario;
+use crate::campaign::statistics::Statistics;
+use crate::files::campaign_parquet::rows_parquet;
+use crate::files::campaign_rows::{RowWriter, WholeRows, read_rows, read_rows_lenient, rows_csv};
+use crate::files::campaign_summary::summary_json;
+use crate::files::{config, export};
+use crate::text::{Shortest, four_digits};
+use clap::{Args, Subcommand, ValueEnum};
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+
+/// Most runs of a campaign: a row of 300 bytes each, and a month of one core.
+const RUNS_MAX: u64 = 10_000_000;
+
+#[derive(Args)]
+#[command(args_conflicts_with_subcommands = true)]
+pub(super) struct CampaignArgs {
+    #[command(subcommand)]
+    command: Option<CampaignCommand>,
+    #[command(flatten)]
+    common: Common,
+    #[command(flatten)]
+    scenario: ScenarioArgs,
+    /// Gains; without it the scenario's, or those of examples/controller.toml
+    #[arg(long, value_name = "FILE")]
+    controller: Option<PathBuf>,
+    /// How many runs
+    #[arg(long, value_name = "N", default_value_t = 200,
+          value_parser = clap::value_parser!(u64).range(1..=RUNS_MAX))]
+    runs: u64,
+    /// What the runs' values and noise are drawn by
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    seed: u64,
+    /// Only the I-th of N equal parts of the runs; `campaign merge` puts them together
+    #[arg(long, value_name = "I/N", default_value = "1/1")]
+    shard: Shard,
+    /// Repeat the run of this number alone, and write all of it, as `run` does
+    #[arg(long, value_name = "K", conflicts_with_all = ["shard", "write"])]
+    only: Option<u64>,
+    /// What is written: the runs' figures, or beside them every tick of every run
+    #[arg(long, value_enum, default_value_t = WriteArg::Summary)]
+    write: WriteArg,
+    /// Folder for the results; made if it is not there. One that an interrupted campaign has left
+    /// is gone on with
+    #[arg(long, value_name = "DIR", default_value = "out/campaign")]
+    out: PathBuf,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum WriteArg {
+    /// One row a run
+    Summary,
+    /// One row a run, and a Parquet file of its ticks in the folder runs
+    All,
+}
+
+#[derive(Subcommand)]
+enum CampaignCommand {
+    /// Puts the shards of a campaign together
+    #[command(
+        after_help = "Example: flexor campaign merge out/shard-1 out/shard-2 --out out/campaign\n\nThe result is that of the campaign without shards."
+    )]
+    Merge(MergeArgs),
+}
+
+#[derive(Args)]
+struct MergeArgs {
+    /// Folders of the shards
+    #[arg(required = true, value_name = "DIR")]
+    shards: Vec<PathBuf>,
+    /// Print one JSON object instead of text
+    #[arg(long)]
+    json: bool,
+    /// Folder for the results; made if it is not there
+    #[arg(long, value_name = "DIR", default_value = "out/campaign")]
+    out: PathBuf,
+}
+
+pub(super) fn campaign(args: &CampaignArgs) -> Result<(), CliError> {
+    match (&args.command, args.only) {
+        (Some(CampaignCommand::Merge(merge)), _) => merge_command(merge),
+        (None, Some(number)) => only(args, number),
+        (None, None) => runs(args),
+    }
+}
+
+impl CampaignArgs {
+    /// The files that are read.
+    fn inputs(&self) -> impl Iterator<Item = Option<&Path>> {
+        let own = [&self.scenario.scenario, &self.controller];
+        let own = own.into_iter().map(|file| file.as_deref());
+        self.common.inputs().into_iter().chain(own)
+    }
+
+    fn identity(&self, bench: &Bench) -> CampaignIdentity {
+        CampaignIdentity {
+            version: env!("CARGO_PKG_VERSION").into(),
+            seed: self.seed,
+            runs: self.runs,
+            shard: self.shard,
+            inputs: bench.inputs.clone(),
+        }
+    }
+}
+
+/// One run of the campaign, with all that `run` writes.
+fn only(args: &CampaignArgs, number: u64) -> Result<(), CliError> {
+    if number >= args.runs {
+        return Err(CliError::NoRun {
+            number,
+            runs: args.runs,
+        });
+    }
+    let output = Output::open(&args.out, args.inputs())?;
+    let bench = args
+        .scenario
+        .prepare(&args.common, args.controller.as_deref())?;
+    let campaign = Campaign {
+        task: bench.task(),
+        scenario: &bench.config.scenario,
+        seed: args.seed,
+    };
+    let drawn = campaign.draw(number)?;
+    let values = bench.config.scenario.spread_keys().zip(&drawn.values);
+    let mut facts = vec![("run".to_string(), format!("{number}, seed {}", drawn.seed))];
+    let mut keys = export::object([("run", json!(number)), ("seed", json!(drawn.seed))]);
+    for (key, value) in values {
+        facts.push((key.to_string(), value.to_string()));
+        keys.insert(key.to_string(), json!(value));
+    }
+    let title = "Flexor: run of a campaign";
+    bench.run(output, &drawn.arm, title, (keys, facts), args.common.json)
+}
+
+fn runs(args: &CampaignArgs) -> Result<(), CliError> {
+    let output = Output::open(&args.out, args.inputs())?;
+    let bench = args
+        .scenario
+        .prepare(&args.common, args.controller.as_deref())?;
+    let identity = args.identity(&bench);
+    let campaign = Campaign {
+        task: bench.task(),
+        scenario: &bench.config.scenario,
+        seed: args.seed,
+    };
+    let mut checkpoint = Checkpoint::open(&output, &identity, &bench.config.scenario)?;
+    let done: BTreeSet<u64> = checkpoint
+        .records
+        .runs
+        .iter()
+        .map(|record| record.run)
+        .collect();
+    if !done.is_empty() {
+        say(format_args!(
+            "{} runs of an interrupted campaign are there",
+            done.len()
+        ));
+    }
+    let left: Vec<u64> = identity
+        .shard
+        .runs(args.runs)
+        .filter(|run| !done.contains(run))
+        .collect();
+    let progress = progress_bar(left.len() as u64, "runs, {eta} left");
+    let since = Instant::now();
+    let write_all = (args.write == WriteArg::All).then(|| output.partial().join("runs"));
+    if let Some(folder) = &write_all {
+        std::fs::create_dir_all(folder).map_err(|cause| CliError::Unwritable {
+            file: folder.clone(),
+            cause,
+        })?;
+    }
+    let failed = Mutex::new(None);
+    let stop = AtomicBool::new(false);
+    let shared = Mutex::new(&mut checkpoint);
+    campaign.run_all(&left, &stop, |record| {
+        progress.inc(1);
+        let mut checkpoint = shared.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Err(error) = checkpoint.add(record) {
+            stop.store(true, Ordering::Relaxed);
+            *failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+        }
+    })?;
+    progress.finish_and_clear();
+    if let Some(error) = failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        return Err(error);
+    }
+    let wall_s = since.elapsed().as_secs_f64();
+    let plan = &bench.planned.plan;
+    let simulated_s = left.len() as f64 * plan.points.len() as f64 / f64::from(plan.tick_rate_hz);
+    let factor = if left.is_empty() {
+        None
+    } else {
+        Some(simulated_s / wall_s)
+    };
+    let records = checkpoint.finish();
+    let results = Results {
+        identity,
+        records,
+        scenario: &bench.config.scenario,
+        real_time_factor: factor,
+    };
+    results.report(output, args.common.json)
+}
+
+/// The runs so far, in a place that outlives a kill.
+struct Checkpoint {
+    records: CampaignRecords,
+    file: PathBuf,
+    writer: RowWriter<File>,
+}
+
+impl Checkpoint {
+    /// What an interrupted campaign of this `identity` has left, or nothing yet.
+    fn open(
+        output: &Output,
+        identity: &CampaignIdentity,
+        scenario: &Scenario,
+    ) -> Result<Self, CliError> {
+        let (file, other) = (output.keep("rows.csv")?, output.keep("campaign.json")?);
+        let unwritable = |file: &Path| {
+            let file = file.to_path_buf();
+            move |cause| CliError::Unwritable { file, cause }
+        };
+        let parameters: Vec<String> = scenario.spread_keys().map(String::from).collect();
+        if let Some(whole) = left_there(&file, &other, identity)
+            && whole.records.parameters == parameters
+        {
+            let open = || {
+                let opened = OpenOptions::new().append(true).open(&file)?;
+                // What a kill has cut off.
+                opened.set_len(whole.bytes)?;
+                Ok(opened)
+            };
+            let writer = RowWriter::resumed(open().map_err(unwritable(&file))?);
+            let records = whole.records;
+            return Ok(Self {
+                records,
+                file,
+                writer,
+            });
+        }
+        let text = serde_json::to_string(identity).map_err(io::Error::from);
+        text.and_then(|text| std::fs::write(&other, text))
+            .map_err(unwritable(&other))?;
+        let create = || {
+            let mut writer = RowWriter::new(File::create(&file)?, &parameters)?;
+            writer.flush()?;
+            Ok(writer)
+        };
+        let writer = create().map_err(unwritable(&file))?;
+        let records = CampaignRecords {
+            parameters,
+            runs: vec![],
+        };
+        Ok(Self {
+            records,
+            file,
+            writer,
+        })
+    }
+
+    fn add(&mut self, record: RunRecord) -> Result<(), CliError> {
+        let written = self
+            .writer
+            .write(&record)
+            .and_then(|()| self.writer.flush());
+        written.map_err(|cause| CliError::Unwritable {
+            file: self.file.clone(),
+            cause,
+        })?;
+        self.records.runs.push(record);
+        Ok(())
+    }
+
+    fn finish(mut self) -> CampaignRecords {
+        self.records.runs.sort_by_key(|record| record.run);
+        self.records
+    }
+}
+
+/// The rows of `file`, if the campaign beside it, in `other`, is this one.
+fn left_there(file: &Path, other: &Path, identity: &CampaignIdentity) -> Option<WholeRows> {
+    let text = std::fs::read_to_string(other).ok()?;
+    let found: CampaignIdentity = serde_json::from_str(&text).ok()?;
+    let same = found.difference(identity).is_none() && found.shard == identity.shard;
+    if !same {
+        say("note: an interrupted campaign in this folder was another one; it is begun anew");
+        return None;
+    }
+    // Not even its first line, perhaps.
+    read_rows_lenient(file).ok().filter(|whole| whole.bytes > 0)
+}
+
+/// A campaign's results, to be written and shown.
+struct Results<'a> {
+    identity: CampaignIdentity,
+    records: CampaignRecords,
+    scenario: &'a Scenario,
+    /// Simulated over elapsed time; `None` where nothing was simulated.
+    real_time_factor: Option<f64>,
+}
+
+impl Results<'_> {
+    /// Writes everything, prints the result, and judges it.
+    fn report(&self, output: Output, json: bool) -> Result<(), CliError> {
+        let findings = Findings::new(&self.records, &self.scenario.verdict);
+        let mut summary = summary_json(&findings, &self.records.parameters);
+        summary.extend(export::object([
+            ("seed", json!(self.identity.seed)),
+            ("shard", json!(self.identity.shard.to_string())),
+            ("version", json!(self.identity.version)),
+        ]));
+        output.write("runs.csv", |w| rows_csv(&self.records, w))?;
+        output.write("runs.parquet", |w| rows_parquet(&self.records, w))?;
+        let identity =
+            serde_json::to_value(&self.identity).map_err(|error| CliError::Unwritable {
+                file: output.folder().join("campaign.json"),
+                cause: error.into(),
+            })?;
+        output.json("campaign.json", &identity)?;
+        output.json("summary.json", &Value::Object(summary.clone()))?;
+        let folder = output.folder().to_path_buf();
+        let place = pages::campaign(&output, &self.identity, &self.records, &findings)?;
+        output.commit()?;
+        // Not in the files: equal campaigns have equal ones.
+        summary.insert("real_time_factor".into(), json!(self.real_time_factor));
+        if json {
+            print(Value::Object(summary))?;
+        } else {
+            print_facts(&facts(&findings, self.real_time_factor))?;
+            print(format_args!(
+                "\nruns.csv, runs.parquet and summary.json are in {}\n{place}",
+                folder.display()
+            ))?;
+        }
+        if findings.holds() {
+            return Ok(());
+        }
+        let broken: Vec<String> = findings
+            .verdict
+            .iter()
+            .filter(|judged| !judged.holds)
+            .map(|judged| match judged.found {
+                Some(found) => format!(
+                    "{} = {} is exceeded by {}",
+                    judged.key,
+                    Shortest(judged.limit),
+                    four_digits(found)
+                ),
+                None => format!(
+                    "{} = {}: too few runs succeeded to tell",
+                    judged.key,
+                    Shortest(judged.limit)
+                ),
+            })
+            .collect();
+        Err(CliError::Verdict(broken.join("; ")))
+    }
+}
+
+/// What was found, for a reader.
+fn facts(findings: &Findings, real_time_factor: Option<f64>) -> Vec<(String, String)> {
+    let s: &Statistics = &findings.statistics;
+    let percent = |x: f64| format!("{:.1} %", 100.0 * x);
+    let mut facts = vec![(
+        "failed".to_string(),
+        format!(
+            "{} of {} runs, {} (95 %: {} to {})",
+            s.failed,
+            s.runs,
+            s.share(s.failed).map_or("-".into(), percent),
+            percent(s.fail_rate.low),
+            percent(s.fail_rate.high)
+        ),
+    )];
+    for (outcome, count) in &s.outcomes {
+        facts.push((format!("  {}", outcome.name()), count.to_string()));
+    }
+    for (name, label, unit, scale) in [
+        ("force_error_rms_N", "force error, rms", "N", 1.0),
+        ("force_error_max_N", "force error, max", "N", 1.0),
+        ("along_error_max_m", "along the surface, max", "mm", 1e3),
+        ("contact_lost_s", "without contact", "ms", 1e3),
+    ] {
+        if let Some(q) = s.figure(name) {
+            let [median, p95, max] = [q.median, q.p95, q.max].map(|x| four_digits(scale * x));
+            let words = format!("median {median}, 95th percentile {p95}, largest {max} {unit}");
+            facts.push((label.to_string(), words));
+        }
+    }
+    if let Some(factor) = real_time_factor {
+        facts.push(("speed".into(), format!("{factor:.0} times real time")));
+    }
+    facts
+}
+
+/// Puts shards together.
+fn merge_command(args: &MergeArgs) -> Result<(), CliError> {
+    let output = Output::open(
+        &args.out,
+        args.shards.iter().map(|shard| Some(shard.as_path())),
+    )?;
+    let shards: Result<Vec<ShardResults>, CliError> = args
+        .shards
+        .iter()
+        .map(|folder| read_shard(folder))
+        .collect();
+    let (identity, records) = merge(shards?)?;
+    let text = identity
+        .inputs
+        .iter()
+        .find(|input| input.option == "scenario");
+    let scenario = match text {
+        Some(input) => config::parse_scenario(&input.file, &input.text)?.scenario,
+        None => Scenario::default(),
+    };
+    let results = Results {
+        identity,
+        records,
+        scenario: &scenario,
+        real_time_factor: None,
+    };
+    results.report(output, args.json)
+}
+
+fn read_shard(folder: &Path) -> Result<ShardResults, CliError> {
+    let file = folder.join("campaign.json");
+    let unreadable = |cause| CliError::Unreadable {
+        file: file.clone(),
+        cause,
+    };
+    let text = std::fs::read_to_string(&file).map_err(unreadable)?;
+    Ok(ShardResults {
+        name: folder.display().to_string(),
+        identity: serde_json::from_str(&text).map_err(|error| unreadable(error.into()))?,
+        records: read_rows(&folder.join("runs.csv"))?,
+    })
+}
