@@ -199,7 +199,8 @@ fn split_text(split: &Split, parameters: &[String]) -> String {
     }
 }
 
-/// Rows of the table of drivers: what is significant first, then by magnitude.
+/// Rows of the table of drivers: what drives failure first, then what drives the force error, the
+/// others by magnitude.
 fn drivers(findings: &Findings, parameters: &[String]) -> Vec<Value> {
     let of = |drivers: &[Driver], parameter: usize| {
         drivers.iter().find(|d| d.parameter == parameter).cloned()
@@ -211,18 +212,15 @@ fn drivers(findings: &Findings, parameters: &[String]) -> Vec<Value> {
         })
         .filter(|row| row.iter().any(Option::is_some))
         .collect();
-    let weight = |row: &[Option<Driver>; 2]| -> (bool, f64) {
-        let each = row.iter().flatten();
-        each.fold((false, 0.0), |(significant, most), driver| {
-            (
-                significant || driver.significant,
-                most.max(driver.correlation.abs()),
-            )
-        })
+    let significant = |driver: &Option<Driver>| driver.as_ref().is_some_and(|d| d.significant);
+    let weight = |row: &[Option<Driver>; 2]| {
+        let magnitudes = row.iter().flatten().map(|d| d.correlation.abs());
+        let most = magnitudes.fold(0.0, f64::max);
+        (significant(&row[0]), significant(&row[1]), most)
     };
     rows.sort_by(|a, b| {
         let (a, b) = (weight(a), weight(b));
-        b.0.cmp(&a.0).then(b.1.total_cmp(&a.1))
+        (b.0, b.1).cmp(&(a.0, a.1)).then(b.2.total_cmp(&a.2))
     });
     let cell = |driver: &Option<Driver>| {
         driver.as_ref().map_or(String::new(), |driver| {
@@ -477,7 +475,7 @@ mod tests {
 
     #[test]
     fn page_and_figures_are_written() {
-        let records = campaign_records(50);
+        let records = campaign_records(200);
         let folder = tempfile::tempdir().unwrap();
         let content = CampaignPage {
             identity: &identity("bench.toml"),

@@ -9,7 +9,7 @@ use super::plot::{
 use crate::campaign::drivers::Driver;
 use crate::campaign::findings::Findings;
 use crate::campaign::record::{CampaignRecords, RunFigures, RunRecord};
-use crate::campaign::statistics::Quantiles;
+use crate::campaign::statistics::{Quantiles, quantile};
 use crate::report::ReportError;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -18,6 +18,8 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 const BINS: usize = 40;
 /// Height of a histogram's plot, px.
 const HISTOGRAM: f64 = 150.0;
+/// Space between a histogram and what is above it, px.
+const GAP: f64 = 14.0;
 /// Height of a heading above a plot, px.
 const HEAD: f64 = 28.0;
 /// Side of a plot over a drawn value, px, and most of them.
@@ -120,14 +122,16 @@ fn legend(head: &Area<'_>, notes: &[(RGBColor, &str)]) -> Drawn {
 
 /// Histograms of the errors.
 fn distributions(records: &CampaignRecords) -> Result<Figure, ReportError> {
-    let height = TITLE + QUANTITIES.len() as f64 * (HISTOGRAM + TIME_LABELS);
+    let each = GAP + HISTOGRAM + TIME_LABELS;
+    let height = TITLE + QUANTITIES.len() as f64 * each;
     let name = "campaign_distributions";
     let svg = render(name, height, |area| {
         let (head, mut rest) = area.split_vertically(units(TITLE));
         legend(&head, &[(BLUE, "did not fail"), (VERMILLION, "failed")])?;
         for quantity in &QUANTITIES {
-            let (body, below) = rest.split_vertically(units(HISTOGRAM + TIME_LABELS));
+            let (body, below) = rest.split_vertically(units(each));
             rest = below;
+            let (_, body) = body.split_vertically(units(GAP));
             draw_histogram(&body, records, quantity)?;
         }
         Ok(())
@@ -270,13 +274,20 @@ fn dots(records: &CampaignRecords) -> [Vec<&RunRecord>; 2] {
     })
 }
 
-/// The axis of a drawn value, and what of it the axis shows: its logarithm where it spans a
-/// decade or so.
+/// The axis of a drawn value, and what of it the axis shows: its logarithm where the values reach
+/// over a decade or so, and are spread over it evenly rather than over the values themselves.
 fn drawn_axis(records: &CampaignRecords, parameter: usize) -> (Axis, fn(f64) -> f64) {
-    let values = || records.runs.iter().map(|run| run.drawn[parameter]);
-    let low = values().fold(f64::INFINITY, f64::min);
-    let high = values().fold(f64::NEG_INFINITY, f64::max);
-    if low > 0.0 && high > 8.0 * low {
+    let mut values: Vec<f64> = records
+        .runs
+        .iter()
+        .map(|run| run.drawn[parameter])
+        .collect();
+    values.sort_by(f64::total_cmp);
+    let at = |share| quantile(&values, share).unwrap_or_default();
+    let [low, median, high] = [0.0, 0.5, 1.0].map(at);
+    let off = |middle: f64| (median - middle).abs();
+    let even = || off((low * high).sqrt()) < off(0.5 * (low + high));
+    if low > 0.0 && high > 8.0 * low && even() {
         let [low, high] = [low.log10(), high.log10()];
         let margin = 0.03 * (high - low);
         (
@@ -343,7 +354,7 @@ fn draw_scatter(
                 end * (1.07 + 0.14 * aside)
             };
             let at = (shown(run.drawn[parameter]), y);
-            Circle::new(at, units(2.2), colour.mix(0.7).filled())
+            Circle::new(at, units(2.2), colour.mix(0.8).filled())
         }))?;
     }
     Ok(())
