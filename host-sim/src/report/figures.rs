@@ -8,6 +8,8 @@
 mod accuracy;
 mod arm;
 mod axis;
+#[cfg(feature = "campaign")]
+mod campaign;
 mod cases;
 pub(super) mod gains;
 mod plot;
@@ -19,6 +21,8 @@ use std::path::{Path, PathBuf};
 
 pub(super) use accuracy::accuracy_figures;
 pub(super) use axis::{decimate, number};
+#[cfg(feature = "campaign")]
+pub(super) use campaign::{campaign_figures, correlation_text, percent};
 pub(super) use cases::force_axis;
 pub(super) use plot::{Figure, POINTS_MAX};
 

@@ -8,6 +8,8 @@
 #![allow(clippy::disallowed_methods)]
 
 mod accuracy;
+#[cfg(feature = "campaign")]
+mod campaign;
 mod figures;
 mod html;
 mod page;
@@ -17,6 +19,8 @@ use crate::simulation::closed_loop::Run;
 use std::path::{Path, PathBuf};
 
 pub use accuracy::write_accuracy;
+#[cfg(feature = "campaign")]
+pub use campaign::{CampaignPage, write_campaign};
 pub use figures::gains::Gains;
 pub use figures::write_figures;
 pub use html::{GainsPage, write_gains, write_html};
@@ -98,7 +102,7 @@ fn write_file(path: &Path, text: &str) -> Result<(), ReportError> {
 
 #[cfg(test)]
 pub(crate) mod testing {
-    //! A short planned motion and a run of it, made once for the tests.
+    //! A short planned motion and a run of it, and the records of a made-up campaign.
     use crate::planner::path::{LinePath, Profile};
     use crate::planner::plan::{Plan, PlanOptions, plan};
     use crate::planner::task::{Task, Window};
@@ -107,6 +111,78 @@ pub(crate) mod testing {
     use crate::simulation::start::Start;
     use crate::testing::PAPER;
     use flexor::control::{LawParameters, LimitParameters};
+
+    /// Records that no run was made for: the force error grows with the friction, and the runs
+    /// whose link 1 is far off its mass lose their path or diverge.
+    #[cfg(feature = "campaign")]
+    pub(crate) fn campaign_records(runs: u64) -> crate::campaign::record::CampaignRecords {
+        use crate::campaign::record::{CampaignRecords, RunFigures, RunOutcome, RunRecord};
+        use rand_xoshiro::Xoshiro256StarStar;
+        use rand_xoshiro::rand_core::{RngCore, SeedableRng};
+        let record = |run| {
+            let seed = 9000 + run;
+            let mut random = Xoshiro256StarStar::seed_from_u64(seed);
+            let mut uniform = |low: f64, high: f64| {
+                low + (high - low) * (random.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
+            };
+            let mass = uniform(7.2, 8.8);
+            let friction = uniform(0.0, 0.3);
+            let stiffness = 10f64.powf(uniform(3.3, 4.7));
+            let inertia = 10f64.powf(uniform(-4.5, -3.5));
+            let tilt = uniform(-0.0175, 0.0175);
+            let off = (mass - 8.0).abs();
+            let force = 0.06 + 0.8 * friction + uniform(0.0, 0.1);
+            let outcome = match (off, inertia) {
+                (off, _) if off > 0.62 => RunOutcome::TipOffPath,
+                (_, inertia) if inertia < 3.6e-5 => RunOutcome::Diverged,
+                _ => RunOutcome::Completed,
+            };
+            let wild = if outcome == RunOutcome::Diverged {
+                f64::NAN
+            } else {
+                1.0
+            };
+            let lost = if friction > 0.25 {
+                uniform(0.0, 0.05)
+            } else {
+                0.0
+            };
+            let values = [
+                wild * force,
+                wild * force * uniform(2.5, 4.0),
+                wild * 0.03 * off,
+                wild * (0.004 + 0.08 * off),
+                lost,
+                0.6 * lost,
+                2.0 + force,
+                30.0,
+                2.5,
+                if outcome.failed() {
+                    uniform(0.2, 2.0)
+                } else {
+                    2.0
+                },
+            ];
+            RunRecord {
+                run,
+                seed,
+                drawn: vec![mass, friction, stiffness, inertia, tilt],
+                figures: RunFigures::from_columns(outcome, values, 0),
+            }
+        };
+        CampaignRecords {
+            parameters: [
+                "arm.link1.mass_kg",
+                "surface.friction",
+                "surface.stiffness_N_m",
+                "arm.link2.root_inertia_kgm2",
+                "surface.tilt_rad",
+            ]
+            .map(String::from)
+            .to_vec(),
+            runs: (0..runs).map(record).collect(),
+        }
+    }
 
     pub(crate) fn short_run() -> (Plan, Run) {
         let task = Task {

@@ -6,11 +6,12 @@ use minijinja::{Environment, Value, context};
 use std::path::Path;
 
 /// The templates. Their names' ending makes all text escaped.
-const TEMPLATES: [(&str, &str); 4] = [
+const TEMPLATES: [(&str, &str); 5] = [
     ("base.html", include_str!("base.html")),
     ("report.html", include_str!("report.html")),
     ("gains.html", include_str!("gains.html")),
     ("accuracy.html", include_str!("accuracy.html")),
+    ("campaign.html", include_str!("campaign.html")),
 ];
 
 /// What all pages look like, light and dark.

@@ -173,6 +173,19 @@ impl Axis {
         }
     }
 
+    /// As [`decades`](Self::decades), with ticks at 1, 2 and 5 times the powers of ten where there
+    /// are few of these.
+    pub(super) fn fine_decades(range: [f64; 2]) -> Self {
+        let mut axis = Self::decades(range);
+        if axis.ticks.len() < 3 {
+            let decades = range[0].floor() as i32..=range[1].floor() as i32;
+            let steps = decades.flat_map(|decade| [1.0, 2.0, 5.0_f64].map(|m| (m, decade)));
+            let ticks = steps.map(|(m, decade)| m.log10() + f64::from(decade));
+            axis.ticks = ticks.filter(|t| range[0] <= *t && *t <= range[1]).collect();
+        }
+        axis
+    }
+
     /// The same, with the least value where the greatest was.
     pub(super) fn reversed(mut self) -> Self {
         self.range.reverse();
@@ -187,7 +200,7 @@ impl Axis {
 
     fn label(&self, value: f64) -> String {
         if self.logarithmic {
-            let decimals = (-value).max(0.0).round() as usize;
+            let decimals = (-value - 1e-6).ceil().max(0.0) as usize;
             return format!("{:.decimals$}", 10f64.powf(value));
         }
         let text = format!("{value:.*}", self.decimals);
@@ -327,6 +340,27 @@ mod tests {
 
         let nothing = Axis::new([f64::NAN].into_iter(), 0.01, [0.0, 5.0], 5);
         assert_eq!((nothing.range, nothing.cut), ([0.0, 0.01], None));
+    }
+
+    #[test]
+    fn logarithmic_axes_are_labelled_with_the_values() {
+        let labels = |axis: &Axis| -> Vec<String> {
+            axis.ticks.iter().map(|tick| axis.label(*tick)).collect()
+        };
+        let range = |low: f64, high: f64| [low.log10(), high.log10()];
+        let inertia = Axis::fine_decades(range(2.9e-5, 3.1e-4));
+        assert_eq!(labels(&inertia), ["0.00005", "0.0001", "0.0002"]);
+        let stiffness = Axis::fine_decades(range(1.9e3, 5.1e4));
+        assert_eq!(
+            labels(&stiffness),
+            ["2000", "5000", "10000", "20000", "50000"]
+        );
+        let wide = range(0.009, 110.0);
+        assert_eq!(
+            labels(&Axis::fine_decades(wide)),
+            ["0.01", "0.1", "1", "10", "100"]
+        );
+        assert_eq!(Axis::fine_decades(wide), Axis::decades(wide));
     }
 
     #[test]
