@@ -35,10 +35,16 @@ pub(super) enum CliError {
     #[error("{}: {source}", file.display())]
     Table { file: PathBuf, source: TableError },
     #[error("{}: the table has {found}, this task has {expected}: plan it again", file.display())]
-    OtherTask {
+    OtherTiming {
         file: PathBuf,
         found: String,
         expected: String,
+    },
+    #[error("{}: the table is of task {found:#010x}, this is task {expected:#010x}: another path, force, elbow, number of link2.elements or --model; name with --task what the file of --table was planned for, or plan it again", file.display())]
+    OtherTask {
+        file: PathBuf,
+        found: u32,
+        expected: u32,
     },
     #[error("{}: cannot be read: {cause}", file.display())]
     Unreadable { file: PathBuf, cause: io::Error },
@@ -126,6 +132,7 @@ impl CliError {
             | Self::Plan(_)
             | Self::Limit { .. }
             | Self::Table { .. }
+            | Self::OtherTiming { .. }
             | Self::OtherTask { .. }
             | Self::Unreadable { .. }
             | Self::Busy { .. }

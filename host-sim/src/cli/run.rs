@@ -47,8 +47,9 @@ pub(super) struct SimulationArgs {
     /// State that the plant starts in; before the plant file's
     #[arg(long, value_enum)]
     start: Option<StartArg>,
-    /// A table to run instead of the one that is planned; it must fit arm and task
-    #[arg(long, value_name = "FILE", conflicts_with = "model")]
+    /// A table to run instead of the one that is planned; it must be of this arm and task,
+    /// planned with the same --model
+    #[arg(long, value_name = "FILE")]
     table: Option<PathBuf>,
 }
 
@@ -272,7 +273,7 @@ impl SimulationArgs {
 /// Bytes of a file that are read as a table.
 const TABLE_BYTES_MAX: u64 = 64 << 20;
 
-/// Reads a table image and makes sure that it is for the plan's arm, rate and length.
+/// Reads a table image and makes sure that it is for the plan's arm and task.
 fn read_table(file: &Path, plan: &Plan) -> Result<Vec<u8>, CliError> {
     // More than any slot holds is no table; a device would never end.
     let mut image = Vec::new();
@@ -292,15 +293,23 @@ fn read_table(file: &Path, plan: &Plan) -> Result<Vec<u8>, CliError> {
     let first_tick = -plan.pre_ticks.cast_signed();
     let is = (header.tick_rate_hz, header.ticks, header.first_tick);
     let should = (plan.tick_rate_hz, plan.ticks, first_tick);
-    if is == should {
-        return Ok(image);
-    }
     let words = |(rate, ticks, first): (u32, u32, i32)| {
         format!("{ticks} ticks from tick {first} at {rate} Hz")
     };
-    Err(CliError::OtherTask {
-        file: file.to_path_buf(),
-        found: words(is),
-        expected: words(should),
-    })
+    if is != should {
+        return Err(CliError::OtherTiming {
+            file: file.to_path_buf(),
+            found: words(is),
+            expected: words(should),
+        });
+    }
+    let (found, expected) = (header.task_fingerprint, plan.task_fingerprint());
+    if found != expected {
+        return Err(CliError::OtherTask {
+            file: file.to_path_buf(),
+            found,
+            expected,
+        });
+    }
+    Ok(image)
 }
