@@ -118,15 +118,10 @@ fn controllers_modes_starts_and_numbers_can_be_chosen() {
         json(&flexor(&all))["force_error_rms_N"].as_f64().unwrap()
     };
     let soft = ["--bending-stiffness-scale", "0.9"];
-    let feedforward = rms(&[soft[0], soft[1], "--mode", "feedforward"]);
-    let equilibrium = rms(&[
-        soft[0],
-        soft[1],
-        "--mode",
-        "feedforward",
-        "--start",
-        "equilibrium",
-    ]);
+    let alone = [soft[0], soft[1], "--mode", "feedforward"];
+    let from = |start: &str| rms(&[&alone[..], &["--start", start]].concat());
+    let (feedforward, equilibrium) = (from("plan-at-rest"), from("equilibrium"));
+    assert_eq!(rms(&alone), equilibrium);
     assert!((feedforward - 0.081).abs() < 0.001 && (equilibrium - 0.0076).abs() < 1e-4);
     let single = rms(&["--number", "f32"]);
     let double = rms(&["--number", "f64"]);
@@ -170,6 +165,49 @@ fn controllers_modes_starts_and_numbers_can_be_chosen() {
     );
     let exact = rms(&["--mode", "feedforward"]);
     assert!(rms(&["--mode", "feedforward", "--model", "as-printed"]) > 10.0 * exact);
+}
+
+#[test]
+fn a_script_can_demand_that_a_run_is_completed() {
+    let out = folder("demand");
+    let results = out.join("results");
+    let run = |more: &[&str]| {
+        let arguments = ["run", "--json", "--out", results.to_str().unwrap()];
+        flexor(&[&arguments[..], more].concat())
+    };
+    // Feedback alone leaves the path; these gains, with drives that give them all they want, end in
+    // infinity.
+    let strong = out.join("strong.toml");
+    let limits = "[limits]\ntorque_Nm = [1e5, 1e5]\ntorque_rate_Nm_s = [1e9, 1e9]\n";
+    std::fs::write(&strong, format!("{ARM}\n{limits}")).unwrap();
+    let wild = out.join("wild.toml");
+    let gains = "K_DF_s = 0.0\nK_PF = 0.0\nK_IF_per_s = 9000.0\nK_w_Nms_rad = 0.0\n";
+    std::fs::write(&wild, gains).unwrap();
+    let [strong, wild] = [strong, wild].map(|file| file.to_str().unwrap().to_string());
+    let wild = ["--controller", &wild, "--arm", &strong];
+    let cases = [
+        (&["--start", "plan-at-rest"][..], "completed", [0, 0]),
+        (&["--mode", "feedback"], "tip_off_path", [0, 3]),
+        (&wild, "diverged", [1, 3]),
+    ];
+    for (arguments, outcome, codes) in cases {
+        for (demand, code) in [&[][..], &["--require-completed"]].into_iter().zip(codes) {
+            let output = run(&[arguments, demand].concat());
+            let message = text(&output.stderr);
+            assert_eq!(output.status.code(), Some(code), "{outcome}: {message}");
+            // Printed and written as ever.
+            let printed: Value = serde_json::from_slice(&output.stdout).unwrap();
+            let written = std::fs::read(results.join("summary.json")).unwrap();
+            assert_eq!(printed["outcome"], outcome);
+            assert_eq!(serde_json::from_slice::<Value>(&written).unwrap(), printed);
+            if code == 3 {
+                let last = message.lines().last().unwrap();
+                for word in ["error: ", outcome, "--require-completed"] {
+                    assert!(last.contains(word), "no {word:?} in {last}");
+                }
+            }
+        }
+    }
 }
 
 /// Every `key = value` line of a TOML text, with its value's place.

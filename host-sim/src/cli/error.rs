@@ -89,6 +89,8 @@ pub(super) enum CliError {
         outcome: Outcome,
         out: PathBuf,
     },
+    #[error("the outcome is {}, --require-completed accepts completed; the results are in {}", outcome.name(), out.display())]
+    NotCompleted { outcome: Outcome, out: PathBuf },
     #[cfg(feature = "target")]
     #[error(transparent)]
     Pil(#[from] PilError),
@@ -125,7 +127,8 @@ impl From<AccuracyError> for CliError {
 }
 
 impl CliError {
-    /// 2 where the user's input is at fault, 1 elsewhere.
+    /// 2 where the user's input is at fault, 3 where the work was done and its verdict is not
+    /// the one that was asked for, 1 elsewhere.
     pub(super) fn exit_code(&self) -> u8 {
         match self {
             Self::Config(_)
@@ -162,6 +165,7 @@ impl CliError {
             // No gains found, or the optimiser's failure, is none of the user's.
             Self::Stability(StabilityError::NotTuned { .. } | StabilityError::Optimiser(_)) => 1,
             Self::Stability(_) => 2,
+            Self::NotCompleted { .. } => 3,
             Self::Unwritable { .. }
             | Self::TableFit(TableFitError::Format(_))
             | Self::Stopped { .. }

@@ -44,9 +44,13 @@ pub(super) struct SimulationArgs {
     /// Factor on the plant's bending stiffness; before the plant file's
     #[arg(long, value_name = "X")]
     bending_stiffness_scale: Option<f64>,
-    /// State that the plant starts in; before the plant file's
+    /// State that the plant starts in; before the plant file's [equilibrium]
     #[arg(long, value_enum)]
     start: Option<StartArg>,
+    /// Exit code 3 unless the run is completed: also where the tip leaves the path or the
+    /// contact is lost
+    #[arg(long)]
+    require_completed: bool,
     /// A table to run instead of the one that is planned; it must be of this arm and task,
     /// planned with the same --model
     #[arg(long, value_name = "FILE")]
@@ -148,6 +152,8 @@ pub(super) struct Simulation {
     pub(super) planned: Planned,
     pub(super) options: RunOptions,
     pub(super) mode: Mode,
+    /// Whether another outcome than completed is a failure.
+    require_completed: bool,
 }
 
 impl Simulation {
@@ -190,16 +196,20 @@ impl Simulation {
         print(format_args!("\n{place}"))
     }
 
-    /// A run that could not go on to its end is a failure; a bad result is not.
-    /// The results are in `out`.
+    /// A run that could not go on to its end is a failure; a bad result is one only if that is
+    /// what was asked for. The results are in `out`.
     pub(super) fn judge(&self, run: &Run, out: &Path) -> Result<(), CliError> {
         let outcome = run.summary.outcome;
+        let out = out.to_path_buf();
+        if self.require_completed && outcome != Outcome::Completed {
+            return Err(CliError::NotCompleted { outcome, out });
+        }
         if outcome == Outcome::Diverged {
             let first = self.planned.plan.points[0].t;
             return Err(CliError::Stopped {
                 t_s: run.rows.last().map_or(first, |row| row.t),
                 outcome,
-                out: out.to_path_buf(),
+                out,
             });
         }
         Ok(())
@@ -247,6 +257,7 @@ impl SimulationArgs {
             planned,
             options,
             mode,
+            require_completed: self.require_completed,
         })
     }
 
