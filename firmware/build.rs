@@ -1,8 +1,10 @@
-//! Gives the linker `memory.x` and the image its table, setup and identity.
+//! Gives the linker `memory.x` and the image its table, setup, board and identity.
 //!
 //! `cargo xtask firmware` plans the table on the host and says in environment variables
 //! where it is: `FLEXOR_TABLE` (table image), `FLEXOR_SETUP` (encoded
-//! `flexor::link::Setup`), `FLEXOR_GIT` (commit, eight hex digits, and `+` if modified).
+//! `flexor::link::Setup`), `FLEXOR_BOARD` (the board file as an expression of type
+//! `flexor::supervisor::BoardParameters`), `FLEXOR_GIT` (commit, eight hex digits, and `+` if
+//! modified).
 
 use std::path::PathBuf;
 use std::{env, fs};
@@ -11,7 +13,11 @@ fn main() {
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
     println!("cargo:rustc-link-search={}", out.display());
     copy("../memory.x", &out.join("memory.x"));
-    for (variable, file) in [("FLEXOR_TABLE", "table.bin"), ("FLEXOR_SETUP", "setup.bin")] {
+    for (variable, file) in [
+        ("FLEXOR_TABLE", "table.bin"),
+        ("FLEXOR_SETUP", "setup.bin"),
+        ("FLEXOR_BOARD", "board.rs"),
+    ] {
         println!("cargo:rerun-if-env-changed={variable}");
         let source = env::var(variable).unwrap_or_else(|_| {
             panic!("{variable} is not set: build the firmware with `cargo xtask firmware`")

@@ -10,6 +10,7 @@ use std::process::{Command, Output};
 const ARM: &str = include_str!("../examples/arm.toml");
 const TASK: &str = include_str!("../examples/task.toml");
 const CONTROLLER: &str = include_str!("../examples/controller.toml");
+const BOARD: &str = include_str!("../boards/stm32f405.toml");
 
 /// A folder of its own for a test, empty at its start.
 fn folder(test: &str) -> PathBuf {
@@ -220,11 +221,15 @@ fn fields(toml: &str) -> Vec<(usize, String)> {
 }
 
 #[test]
-fn every_field_of_both_files_is_guarded() {
+fn every_field_of_the_planners_files_is_guarded() {
     let out = folder("fields");
     let path = |name: &str| out.join(name).to_str().unwrap().to_string();
     let results = path("results");
-    for (option, name, toml) in [("--arm", "arm.toml", ARM), ("--task", "task.toml", TASK)] {
+    for (option, name, toml) in [
+        ("--arm", "arm.toml", ARM),
+        ("--task", "task.toml", TASK),
+        ("--board", "board.toml", BOARD),
+    ] {
         let file = path(name);
         let with_line = |at: usize, line: Option<&str>| {
             let lines = toml.lines().enumerate();

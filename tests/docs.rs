@@ -1,6 +1,7 @@
 //! What README and docs print: the commands are run, the tables compared with what the
 //! program says.
 
+use flexor_sim::files::config::{DEFAULT_BOARD, parse_board};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
@@ -301,6 +302,7 @@ fn every_file_that_is_named_exists() {
                 "xtask/",
                 "docs/",
                 "examples/",
+                "boards/",
                 "tests/",
             ];
             let file = !link && source.iter().any(|place| name.starts_with(place));
@@ -318,6 +320,26 @@ fn every_file_that_is_named_exists() {
         }
     }
     assert!(named >= 50, "{named}");
+}
+
+#[test]
+fn the_wiring_is_that_of_the_default_board() {
+    let board = parse_board("board", DEFAULT_BOARD).unwrap().parameters;
+    let document = read("docs/firmware.md").replace('\n', " ");
+    let [force, slope] = [board.force_range_n, board.gauge_range_rad];
+    let [first, second] = board.drive_full_scale_nm;
+    let [limit1, limit2] = board.drive_limit_nm();
+    for words in [
+        format!("{} lines, 3.3 V", board.encoder_lines[0]),
+        format!("0 to 3.3 V for {} to {} N |", force[0], force[1]),
+        format!("0 to 3.3 V for {} to {} rad |", slope[0], slope[1]),
+        format!("for -{first} to {first} N m, -{second} to {second} N m;"),
+        format!("at most {limit1:.0} and {limit2:.1} N m |"),
+        format!("within {} counts", board.rail_counts),
+        format!("no request for {} ms", 1e3 * board.link_timeout_s),
+    ] {
+        assert!(document.contains(&words), "no {words:?}");
+    }
 }
 
 #[test]

@@ -7,8 +7,9 @@ use flexor::link::{
     ClockSource, FRAME_MAX, Mode, RawSample, Refusal, Reply, Request, Setup, StartReason, encode,
 };
 use flexor::signals::Measurement;
-use flexor::supervisor::ControllerParameters;
+use flexor::supervisor::{ControllerParameters, Sensing};
 use flexor::table::{Slot, SlotError};
+use flexor_sim::files::config::{DEFAULT_BOARD, parse_board};
 use flexor_sim::target::pil::compare_any;
 use flexor_sim::target::{Emulation, Logs, Target, TargetError};
 use flexor_tests::{elf, folder};
@@ -271,9 +272,13 @@ fn sensors_are_told_in_every_mode() {
         Err(TargetError::Refused(Refusal::Busy))
     ));
     let measured = report.measured;
-    // No counts are the lowest force and slope, below their zeros in the middle.
-    assert!((measured.force + 20.0).abs() < 0.1, "{}", measured.force);
-    assert!((measured.root_slope + 0.5).abs() < 0.01);
+    // No counts are the lowest force and slope: the image has the numbers of the board file.
+    assert_eq!((measured.force, measured.root_slope), (-20.0, -0.5));
+    let board = parse_board("board", DEFAULT_BOARD).unwrap().parameters;
+    let host = Sensing::new(&board.calibration(), board.tick_rate_hz, &report.raw).measurement();
+    let analog = |m: &Measurement<f32>| [m.force, m.root_slope].map(f32::to_bits);
+    assert_eq!(analog(&measured), analog(&host));
+    assert_eq!(target.identity().tick_rate_hz, board.tick_rate_hz);
     assert_eq!(measured.root_slope_rate, 0.0);
     assert_eq!(target.status().unwrap().mode, Mode::LockStep);
 }

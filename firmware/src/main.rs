@@ -2,7 +2,7 @@
 //!
 //! | priority | what | where |
 //! |---|---|---|
-//! | 2, highest | the control tick, 5 kHz (TIM2), or on the host's request | [`flexor::supervisor`] |
+//! | 2, highest | the control tick (TIM2), or on the host's request | [`flexor::supervisor`] |
 //! | 1 | bytes of the link (USART1) into and out of queues | `serial` |
 //! | 0 | the main loop: requests, watchdog | [`comms`] |
 //!

@@ -1,11 +1,12 @@
 //! Builds the one ELF that is flashed and that QEMU boots: image, setup and table.
 
-use crate::inputs::{Demo, Files, TICK_RATE_HZ};
+use crate::inputs::{Demo, Files};
 use crate::setup::{TARGET, Toolchain};
 use crate::{announce, image, inputs, output, root, run};
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use flexor::link::Setup;
+use flexor::supervisor::BoardParameters;
 use flexor::table::Table;
 use flexor_sim::target::{SLOT_ADDRESSES, SLOT_BYTES};
 use std::path::{Path, PathBuf};
@@ -17,14 +18,19 @@ pub(crate) fn target_folder() -> PathBuf {
     env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
 }
 
-/// cargo with `verb` for the firmware's image around these files, told where table and setup
-/// are.
+/// cargo with `verb` for the firmware's image around these files, told where table, setup and
+/// board are.
 fn cargo(verb: &str, files: &Files) -> Result<Command> {
     let toolchain = Toolchain::wanted()?;
     let out = target_folder().join("firmware");
     fs::create_dir_all(&out)?;
     announce("planning the image's table");
-    let Demo { plan, table, setup } = inputs::plan_files(files)?;
+    let Demo {
+        plan,
+        table,
+        setup,
+        board,
+    } = inputs::plan_files(files)?;
     announce(&format!(
         "the table is of task {:#010x}, {} bytes",
         plan.task_fingerprint(),
@@ -40,8 +46,23 @@ fn cargo(verb: &str, files: &Files) -> Result<Command> {
         .arg(&out)
         .env("FLEXOR_TABLE", write(&out.join("table.bin"), &table.image)?)
         .env("FLEXOR_SETUP", write(&out.join("setup.bin"), setup)?)
+        .env(
+            "FLEXOR_BOARD",
+            write(
+                &out.join("board.rs"),
+                board_source(&board.parameters).as_bytes(),
+            )?,
+        )
         .env("FLEXOR_GIT", git());
     Ok(command)
+}
+
+/// The board as an expression of Rust, of the type [`BoardParameters`].
+///
+/// That is what its `Debug` prints: fields by name, and of a finite f64 the shortest literal that
+/// is read as the same number. The parser lets none through that is not finite.
+fn board_source(board: &BoardParameters) -> String {
+    format!("{board:#?}\n")
 }
 
 /// Writes a file, but not when it is the same already: cargo goes by its time.
@@ -120,7 +141,8 @@ pub(crate) fn flash(options: &FlashOptions) -> Result<()> {
     let mut reset = probe_rs("reset");
     let file = match &options.table {
         Some(table) => {
-            let task = check_table(table)?;
+            let rate = options.files.board()?.parameters.tick_rate_hz;
+            let task = check_table(table, rate)?;
             announce(&format!("the table is of task {task:#010x}"));
             let address = SLOT_ADDRESSES[options.slot as usize];
             probe.args(["--binary-format", "bin", "--base-address"]);
@@ -150,16 +172,16 @@ pub(crate) fn flash(options: &FlashOptions) -> Result<()> {
     run(&mut reset)
 }
 
-/// Makes sure that a file is a table that the firmware would take from a slot, but for the
-/// arm: only the board knows that. The fingerprint of its task.
-fn check_table(file: &Path) -> Result<u32> {
+/// Makes sure that a file is a table that the firmware would take from a slot, at the rate of its
+/// timer (Hz), but for the arm: only the board knows that. The fingerprint of its task.
+fn check_table(file: &Path, tick_rate_hz: u32) -> Result<u32> {
     let name = file.display();
     let bytes = fs::read(file).with_context(|| format!("cannot read {name}"))?;
     let table = Table::open(&bytes).with_context(|| format!("{name} is no table"))?;
     let rate = table.header().tick_rate_hz;
     ensure!(
-        rate == TICK_RATE_HZ,
-        "{name}: {rate} ticks a second, the firmware's timer has {TICK_RATE_HZ}: plan with --tick-rate-hz {TICK_RATE_HZ}"
+        rate == tick_rate_hz,
+        "{name}: {rate} ticks a second, the board's timer has {tick_rate_hz}: plan with --tick-rate-hz {tick_rate_hz}"
     );
     let length = bytes.len();
     ensure!(
@@ -180,6 +202,24 @@ mod tests {
         assert!(elf().ends_with(place));
     }
 
+    /// The firmware's compiler reads it as it stands; that it does, its build shows.
+    #[test]
+    fn every_number_of_a_boards_source_is_read_as_itself() {
+        let mut board = Files::default().board().unwrap().parameters;
+        board.home_rad = [0.1 + 0.2, -1e-300];
+        board.drive_full_scale_nm = [1e22, core::f64::consts::PI];
+        let source = board_source(&board);
+        assert!(source.starts_with("BoardParameters {"), "{source}");
+        let numbers: Vec<f64> = source
+            .split(['[', ']', ',', ':', '\n'])
+            .filter_map(|word| word.trim().parse().ok())
+            .collect();
+        for number in board.home_rad.into_iter().chain(board.drive_full_scale_nm) {
+            let same = |read: &f64| read.to_bits() == number.to_bits();
+            assert!(numbers.iter().any(same), "no {number:e} in {source}");
+        }
+    }
+
     #[test]
     fn the_slots_are_where_the_memory_map_has_them() {
         let map = fs::read_to_string(root().join("memory.x")).unwrap();
@@ -197,7 +237,9 @@ mod tests {
         let demo = inputs::demo().unwrap();
         let mut image = demo.table.image;
         fs::write(&file, &image).unwrap();
-        assert_eq!(check_table(&file).unwrap(), demo.plan.task_fingerprint());
+        let task = demo.plan.task_fingerprint();
+        assert_eq!(check_table(&file, 5000).unwrap(), task);
+        assert!(check_table(&file, 2500).is_err());
         // Another rate, with a good checksum.
         image[12..16].copy_from_slice(&4000_u32.to_le_bytes());
         let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
@@ -206,10 +248,10 @@ mod tests {
         digest.update(&image[48..]);
         image[44..48].copy_from_slice(&digest.finalize().to_le_bytes());
         fs::write(&file, &image).unwrap();
-        let words = check_table(&file).unwrap_err().to_string();
+        let words = check_table(&file, 5000).unwrap_err().to_string();
         assert!(words.contains("table.bin: 4000 ticks"), "{words}");
         fs::write(&file, [0xff; 100]).unwrap();
-        let words = check_table(&file).unwrap_err().to_string();
+        let words = check_table(&file, 5000).unwrap_err().to_string();
         assert!(words.contains("table.bin is no table"), "{words}");
     }
 }

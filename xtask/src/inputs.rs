@@ -1,10 +1,13 @@
-//! What an image is built for: arm, task and gains, by default those in examples/.
+//! What an image is built for: board, arm, task and gains, by default those in boards/ and
+//! examples/.
 
+use crate::{announce, root};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use flexor::supervisor::{ControllerParameters, check_torque_bound};
+use flexor::control::LimitParameters;
+use flexor::supervisor::{BoardParameters, ControllerParameters, check_torque_bound};
 use flexor::table::Table;
-use flexor_sim::files::config;
+use flexor_sim::files::config::{self, BoardConfig};
 use flexor_sim::planner::limits::default_limits;
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::table_fit::{EncodedTable, fit_table};
@@ -12,15 +15,15 @@ use flexor_sim::plant::PlantParameters;
 use flexor_sim::simulation::closed_loop::RunOptions;
 use flexor_sim::simulation::start::Start;
 use flexor_sim::target::SLOT_BYTES;
+use std::fs;
 use std::path::PathBuf;
-
-/// The control rate of the firmware's timer, Hz: `TICK_RATE_HZ` of
-/// `firmware/src/board/stm32f405/constants.rs`.
-pub(crate) const TICK_RATE_HZ: u32 = 5000;
 
 /// The files that an image is built from.
 #[derive(Args, Clone, Debug, Default)]
 pub(crate) struct Files {
+    /// The board; without it boards/stm32f405.toml.
+    #[arg(long, value_name = "FILE")]
+    board: Option<PathBuf>,
     /// The arm; without it examples/arm.toml.
     #[arg(long, value_name = "FILE")]
     arm: Option<PathBuf>,
@@ -40,6 +43,43 @@ pub(crate) struct Demo {
     pub(crate) table: EncodedTable,
     /// Arm, gains and limits.
     pub(crate) setup: ControllerParameters,
+    /// The board.
+    pub(crate) board: BoardConfig,
+}
+
+impl Files {
+    /// The board: the file's, or without one the default. The firmware must have it.
+    pub(crate) fn board(&self) -> Result<BoardConfig> {
+        let board = config::load(
+            self.board.as_deref(),
+            config::DEFAULT_BOARD,
+            config::parse_board,
+        )?;
+        let boards = firmware_boards()?;
+        let name = &board.name;
+        ensure!(
+            boards.contains(name),
+            "name = {name:?}: no such board in firmware/src/board; accepted: {}",
+            boards.join(", ")
+        );
+        Ok(board)
+    }
+}
+
+/// Names of the boards that the firmware has sources for.
+fn firmware_boards() -> Result<Vec<String>> {
+    let folder = root().join("firmware/src/board");
+    let entries = fs::read_dir(&folder);
+    let entries = entries.with_context(|| format!("cannot read {}", folder.display()))?;
+    let mut names = vec![];
+    for entry in entries {
+        let entry = entry?;
+        if entry.file_type()?.is_dir() {
+            names.push(entry.file_name().to_string_lossy().into_owned());
+        }
+    }
+    names.sort();
+    Ok(names)
 }
 
 /// The example task, planned.
@@ -47,8 +87,9 @@ pub(crate) fn demo() -> Result<Demo> {
     plan_files(&Files::default())
 }
 
-/// The files' task, planned for the files' arm at the firmware's control rate.
+/// The files' task, planned for the files' arm at the board's control rate.
 pub(crate) fn plan_files(files: &Files) -> Result<Demo> {
+    let board = files.board()?;
     let arm = config::load(files.arm.as_deref(), config::DEFAULT_ARM, config::parse_arm)?;
     let law = config::load(
         files.controller.as_deref(),
@@ -62,15 +103,13 @@ pub(crate) fn plan_files(files: &Files) -> Result<Demo> {
     )?;
     let options = PlanOptions {
         elements: arm.elements,
-        tick_rate_hz: TICK_RATE_HZ,
+        tick_rate_hz: board.parameters.tick_rate_hz,
         ..PlanOptions::default()
     };
     let plan = plan(&arm.arm, &task, &options)?;
     let limits = arm.limits.unwrap_or_else(|| default_limits(&plan));
     let table = fit_table(&plan)?;
-    // As the board does before it enables, where the drives may allow less.
-    check_torque_bound(Table::open(&table.image)?.torque_bound(), &limits)
-        .context("limits.torque_Nm: a longer duration_s may need less")?;
+    check_torques(files, &board.parameters, &limits, &table.image)?;
     let bytes = table.image.len();
     ensure!(
         bytes <= SLOT_BYTES,
@@ -81,7 +120,38 @@ pub(crate) fn plan_files(files: &Files) -> Result<Demo> {
         law,
         limits,
     };
-    Ok(Demo { plan, table, setup })
+    Ok(Demo {
+        plan,
+        table,
+        setup,
+        board,
+    })
+}
+
+/// Checks as the board does before it enables: the arm's limits and, of a board that was named,
+/// the drives' must bear the table. The default board may be the wrong one for an arm; then it is
+/// only said.
+fn check_torques(
+    files: &Files,
+    board: &BoardParameters,
+    limits: &LimitParameters,
+    image: &[u8],
+) -> Result<()> {
+    let bound = Table::open(image)?.torque_bound();
+    check_torque_bound(bound, limits)
+        .context("limits.torque_Nm: a longer duration_s may need less")?;
+    let drives = check_torque_bound(bound, &limits.at_most(board.drive_limit_nm()));
+    match (drives, &files.board) {
+        (Ok(()), _) => Ok(()),
+        (Err(refusal), Some(file)) => Err(refusal).with_context(|| {
+            let file = file.display();
+            format!("{file}: drives.full_scale_Nm: a longer duration_s may need less")
+        }),
+        (Err(refusal), None) => {
+            announce(&format!("the board will not enable this arm: {refusal}"));
+            Ok(())
+        }
+    }
 }
 
 /// How the demo runs: against an arm of a tenth less stiffness, so that the feedback
@@ -104,13 +174,14 @@ mod tests {
     use std::path::Path;
 
     fn example(name: &str) -> Option<PathBuf> {
-        Some(crate::root().join("examples").join(name))
+        Some(root().join("examples").join(name))
     }
 
     #[test]
     fn without_files_it_is_the_examples() {
         let default = demo().unwrap();
         let files = Files {
+            board: Some(root().join("boards/stm32f405.toml")),
             arm: example("arm.toml"),
             task: example("task.toml"),
             controller: example("controller.toml"),
@@ -118,7 +189,11 @@ mod tests {
         let named = plan_files(&files).unwrap();
         assert_eq!(default.setup, named.setup);
         assert!(default.table.image == named.table.image);
-        assert_eq!(default.plan.tick_rate_hz, TICK_RATE_HZ);
+        assert_eq!(default.board, named.board);
+        assert_eq!(
+            default.plan.tick_rate_hz,
+            default.board.parameters.tick_rate_hz
+        );
     }
 
     /// The message for files of which one is `text`.
@@ -155,20 +230,26 @@ mod tests {
             words.contains("limits.torque_Nm") && words.contains("allow [5.0, 1.0]"),
             "{words}"
         );
+        let board = |board: PathBuf| Files {
+            board: Some(board),
+            ..Files::default()
+        };
+        let weak = config::DEFAULT_BOARD.replacen("[40.0, 4.0]", "[12.0, 4.0]", 1);
+        let words = refusal("weak_board.toml", &weak, board);
+        assert!(
+            words.contains("weak_board.toml: drives.full_scale_Nm")
+                && words.contains("allow [10.5454"),
+            "{words}"
+        );
+        let name = r#"name = "stm32f405""#;
+        let other = config::DEFAULT_BOARD.replacen(name, r#"name = "unheard_of""#, 1);
+        let words = refusal("other_board.toml", &other, board);
+        assert!(
+            words.contains("name = \"unheard_of\"") && words.contains("accepted: stm32f405"),
+            "{words}"
+        );
         let missing = plan_files(&arm(Path::new("/nowhere/arm.toml").into()));
         let words = missing.err().unwrap().to_string();
         assert!(words.contains("/nowhere/arm.toml"), "{words}");
-    }
-
-    #[test]
-    fn the_rate_is_the_firmwares() {
-        let file = crate::root().join("firmware/src/board/stm32f405/constants.rs");
-        let text = std::fs::read_to_string(file).unwrap();
-        let stated = text
-            .lines()
-            .find_map(|line| line.strip_prefix("pub const TICK_RATE_HZ: u32 = "))
-            .unwrap();
-        let digits = stated.trim_end_matches(';').replace('_', "");
-        assert_eq!(digits.parse(), Ok(TICK_RATE_HZ));
     }
 }

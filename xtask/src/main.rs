@@ -32,8 +32,8 @@ enum Verb {
         #[arg(long)]
         debian: bool,
     },
-    /// Plan a table and build the firmware's image around it, its arm and its gains; without
-    /// files the demo's. Prints the image's path.
+    /// Plan a table and build the firmware's image around it, its arm, its gains and its board;
+    /// without files the demo's. Prints the image's path.
     #[command(
         after_help = "Example: cargo xtask firmware --arm my_arm.toml --task my_task.toml --controller my_gains.toml"
     )]

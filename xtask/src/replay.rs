@@ -138,7 +138,9 @@ struct Prepared {
 /// Runs the demo in both number types and writes table and coefficients into the returned
 /// folder.
 fn prepare(demo: &Demo) -> Result<(Prepared, PathBuf)> {
-    let Demo { plan, table, setup } = demo;
+    let Demo {
+        plan, table, setup, ..
+    } = demo;
     let options = inputs::options(setup);
     let image = &table.image;
     let analysis = range::analyse(plan, image, &setup.law, &setup.limits)?;

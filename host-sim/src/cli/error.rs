@@ -32,6 +32,15 @@ pub(super) enum CliError {
         torque_nm: f64,
         limit_nm: f64,
     },
+    #[error("{}: drives.full_scale_Nm[{}] = {}, of which drives.usable_share is {} N m; accepted: from {} on, as the planned torque of joint {joint} reaches {} N m at t = {t_s:.4} s; a longer duration_s may need less", file.display(), joint - 1, Shortest(*full_scale_nm), four_digits(*limit_nm), round_away_from_zero(*torque_nm * *full_scale_nm / *limit_nm), four_digits(*torque_nm))]
+    DriveLimit {
+        file: PathBuf,
+        joint: usize,
+        t_s: f64,
+        torque_nm: f64,
+        full_scale_nm: f64,
+        limit_nm: f64,
+    },
     #[error("{}: {source}", file.display())]
     Table { file: PathBuf, source: TableError },
     #[error("{}: the table has {found}, this task has {expected}: plan it again", file.display())]
@@ -134,6 +143,7 @@ impl CliError {
             Self::Config(_)
             | Self::Plan(_)
             | Self::Limit { .. }
+            | Self::DriveLimit { .. }
             | Self::Table { .. }
             | Self::OtherTiming { .. }
             | Self::OtherTask { .. }

@@ -29,7 +29,7 @@ use self::error::CliError;
 use self::folder::Output;
 use self::output::{print, print_facts, progress_bar, results, say};
 use crate::files::config;
-use crate::files::config::ArmConfig;
+use crate::files::config::{ArmConfig, BoardConfig};
 use crate::planner::task::Task;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use flexor::control::LawParameters;
@@ -102,10 +102,14 @@ struct Common {
     /// The task; without it the paper's [examples/task.toml]
     #[arg(long, value_name = "FILE")]
     task: Option<PathBuf>,
-    /// Control rate, Hz
-    #[arg(long, value_name = "HZ", default_value_t = config::DEFAULT_TICK_RATE_HZ,
+    /// The board, whose control rate the plan has and whose drives must give its torques;
+    /// without it the rate is that of the default one [boards/stm32f405.toml]
+    #[arg(long, value_name = "FILE")]
+    board: Option<PathBuf>,
+    /// Control rate, Hz; without it the board's
+    #[arg(long, value_name = "HZ",
           value_parser = clap::value_parser!(u32).range(10..=1_000_000))]
-    tick_rate_hz: u32,
+    tick_rate_hz: Option<u32>,
     /// Equations to plan with: all of them, or as the paper prints them
     #[arg(long, value_enum, default_value_t = ModelArg::Exact)]
     model: ModelArg,
@@ -171,6 +175,15 @@ impl Common {
             config::parse_task,
         )?;
         Ok((arm, task))
+    }
+
+    /// The board: the file's, or without one the default.
+    fn board(&self) -> Result<BoardConfig, CliError> {
+        Ok(config::load(
+            self.board.as_deref(),
+            config::DEFAULT_BOARD,
+            config::parse_board,
+        )?)
     }
 }
 

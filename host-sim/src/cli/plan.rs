@@ -12,9 +12,10 @@ use crate::planner::{plan, table_fit};
 use crate::text::{Shortest, four_digits};
 use clap::Args;
 use flexor::control::LimitParameters;
+use flexor::supervisor::BoardParameters;
 use serde_json::{Map, Value, json};
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 #[derive(Args)]
@@ -99,11 +100,60 @@ pub(super) struct Planned {
     pub(super) limits: LimitParameters,
 }
 
+/// The torque limits to run a plan with: the arm's, or without any wide ones of the plan's own; no
+/// wider than the drives of a board whose file was `named`. An arm need not be the default board's.
+///
+/// # Errors
+/// [`CliError::Limit`] and [`CliError::DriveLimit`] where the plan needs more torque than these
+/// allow.
+fn limits(
+    arm: &ArmConfig,
+    named: Option<(&Path, &BoardParameters)>,
+    plan: &Plan,
+) -> Result<LimitParameters, CliError> {
+    if let Some(limits) = &arm.limits
+        && let Some((joint, t_s)) = first_beyond(plan, limits.torque_nm)
+    {
+        return Err(CliError::Limit {
+            joint: joint + 1,
+            t_s,
+            torque_nm: plan.peaks.torque[joint],
+            limit_nm: limits.torque_nm[joint],
+        });
+    }
+    let limits = arm.limits.unwrap_or_else(|| default_limits(plan));
+    let Some((file, board)) = named else {
+        return Ok(limits);
+    };
+    let drives_nm = board.drive_limit_nm();
+    if let Some((joint, t_s)) = first_beyond(plan, drives_nm) {
+        return Err(CliError::DriveLimit {
+            file: file.to_path_buf(),
+            joint: joint + 1,
+            t_s,
+            torque_nm: plan.peaks.torque[joint],
+            full_scale_nm: board.drive_full_scale_nm[joint],
+            limit_nm: drives_nm[joint],
+        });
+    }
+    Ok(limits.at_most(drives_nm))
+}
+
+/// The first joint (0 or 1) whose planned torque exceeds its limit, N m, and when it is largest, s.
+fn first_beyond(plan: &Plan, limit_nm: [f64; 2]) -> Option<(usize, f64)> {
+    let joint = (0..2).find(|i| plan.peaks.torque[*i] > limit_nm[*i])?;
+    let size = |point: &&PlanPoint| point.torque[joint].abs();
+    let points = plan.points.iter();
+    let peak = points.max_by(|a, b| size(a).total_cmp(&size(b)));
+    Some((joint, peak.map_or(0.0, |point| point.t)))
+}
+
 impl Common {
     pub(super) fn plan(&self, arm: &ArmConfig, task: &Task) -> Result<Planned, CliError> {
+        let board = self.board()?;
         let options = PlanOptions {
             elements: arm.elements,
-            tick_rate_hz: self.tick_rate_hz,
+            tick_rate_hz: self.tick_rate_hz.unwrap_or(board.parameters.tick_rate_hz),
             equations: match self.model {
                 ModelArg::Exact => Equations::Exact,
                 ModelArg::AsPrinted => Equations::AsPrinted,
@@ -114,31 +164,8 @@ impl Common {
         let since = Instant::now();
         let plan = plan::plan(&arm.arm, task, &options)?;
         let plan_ms = milliseconds(since);
-        let limits = match arm.limits {
-            Some(limits) => {
-                for (i, (torque_nm, limit_nm)) in plan
-                    .peaks
-                    .torque
-                    .into_iter()
-                    .zip(limits.torque_nm)
-                    .enumerate()
-                {
-                    if torque_nm > limit_nm {
-                        let size = |point: &&PlanPoint| point.torque[i].abs();
-                        let points = plan.points.iter();
-                        let peak = points.max_by(|a, b| size(a).total_cmp(&size(b)));
-                        return Err(CliError::Limit {
-                            joint: i + 1,
-                            t_s: peak.map_or(0.0, |point| point.t),
-                            torque_nm,
-                            limit_nm,
-                        });
-                    }
-                }
-                limits
-            }
-            None => default_limits(&plan),
-        };
+        let named = self.board.as_deref().map(|file| (file, &board.parameters));
+        let limits = limits(arm, named, &plan)?;
         let since = Instant::now();
         let table = table_fit::fit_table(&plan)?;
         for word in doubts(&plan, &limits) {

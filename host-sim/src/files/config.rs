@@ -1,26 +1,29 @@
-//! The user's files: arm, task, controller and plant, in TOML.
+//! The user's files: arm, task, controller, plant and board, in TOML.
 //!
 //! Every number has a range; every error is one line that names the file, the field,
 //! its value and what is accepted. Unknown keys are refused, with the known ones named.
 
 mod arm;
+mod board;
 mod controller;
 mod plant;
+mod ranges;
 #[cfg(feature = "stability")]
 mod spread;
 mod task;
 
-use crate::model::arm_model::ELEMENTS_MAX;
-use crate::plant::SUBSTEPS_MAX;
+use self::ranges::{RANGES, accepted};
 use crate::text::{Shortest, one_line};
-use serde::Deserializer;
 use serde::de::{DeserializeOwned, Error as _, IgnoredAny, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer};
 use std::fmt;
 use std::fs::File;
 use std::io::Read;
+use std::marker::PhantomData;
 use std::path::Path;
 
 pub use arm::{ArmConfig, parse_arm};
+pub use board::{BoardConfig, parse_board};
 pub use controller::{DERIVATIVE_FILTER_HZ, controller_toml, parse_controller};
 pub use plant::parse_plant;
 #[cfg(feature = "stability")]
@@ -33,11 +36,10 @@ pub const DEFAULT_ARM: &str = include_str!("../../../examples/arm.toml");
 pub const DEFAULT_TASK: &str = include_str!("../../../examples/task.toml");
 /// The controller that is used when no file is given: `examples/controller.toml`.
 pub const DEFAULT_CONTROLLER: &str = include_str!("../../../examples/controller.toml");
+/// The board that is used when no file is given: `boards/stm32f405.toml`.
+pub const DEFAULT_BOARD: &str = include_str!("../../../boards/stm32f405.toml");
 /// The plants that gains are examined with when no file is given: `examples/spread.toml`.
 pub const DEFAULT_SPREAD: &str = include_str!("../../../examples/spread.toml");
-
-/// Control rate when none is asked for, Hz.
-pub const DEFAULT_TICK_RATE_HZ: u32 = 5000;
 
 /// What is wrong with a file.
 #[derive(Debug, thiserror::Error)]
@@ -80,174 +82,6 @@ pub enum ConfigError {
         /// The range.
         accepted: String,
     },
-}
-
-/// The numbers that a field accepts.
-struct Range {
-    field: &'static str,
-    /// Smallest value; excluded where `above`.
-    low: f64,
-    above: bool,
-    high: f64,
-    /// Words for what the numbers are, with the unit.
-    what: &'static str,
-}
-
-const fn from(field: &'static str, low: f64, high: f64, what: &'static str) -> Range {
-    Range {
-        field,
-        low,
-        above: false,
-        high,
-        what,
-    }
-}
-
-const fn above(field: &'static str, low: f64, high: f64, what: &'static str) -> Range {
-    Range {
-        field,
-        low,
-        above: true,
-        high,
-        what,
-    }
-}
-
-impl Range {
-    /// False for NaN too.
-    fn holds(&self, value: f64) -> bool {
-        let low = if self.above {
-            value > self.low
-        } else {
-            value >= self.low
-        };
-        low && value <= self.high
-    }
-}
-
-impl fmt::Display for Range {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (low, high, what) = (Shortest(self.low), Shortest(self.high), self.what);
-        if self.above {
-            write!(f, "{what} above {low} up to {high}")
-        } else {
-            write!(f, "{what} from {low} to {high}")
-        }
-    }
-}
-
-/// Wide enough for any arm that this model describes, and no wider: beyond, a value is
-/// a slip of the unit.
-const RANGES: &[Range] = &[
-    from("link1.length_m", 1e-3, 100.0, "a length in m"),
-    from("link1.mass_kg", 1e-6, 1e5, "a mass in kg"),
-    from("link2.length_m", 1e-3, 100.0, "a length in m"),
-    from("link2.mass_kg", 1e-6, 1e5, "a mass in kg"),
-    from(
-        "link2.bending_stiffness_Nm2",
-        1e-9,
-        1e9,
-        "a stiffness EI in N m^2",
-    ),
-    from("link2.damping_ratio", 0.0, 0.99, "a ratio"),
-    // The planner's zeros become the harder the finer the link; see docs/model.md.
-    from("link2.elements", 1.0, 12.0, "a whole number of elements"),
-    from("link2.root_inertia_kgm2", 0.0, 1e3, "an inertia in kg m^2"),
-    from("link2.tip_mass_kg", 0.0, 1e5, "a mass in kg"),
-    from("link2.tip_inertia_kgm2", 0.0, 1e3, "an inertia in kg m^2"),
-    from("base.gravity_m_s2", -1e3, 1e3, "two accelerations in m/s^2"),
-    above("limits.torque_Nm", 0.0, 1e6, "two torques in N m"),
-    above(
-        "limits.torque_rate_Nm_s",
-        0.0,
-        1e12,
-        "two torque rates in N m/s",
-    ),
-    from("duration_s", 1e-4, 1000.0, "a time in s"),
-    from("pre_actuation_s", 0.0, 60.0, "\"auto\" or a time in s"),
-    from("post_actuation_s", 0.0, 60.0, "\"auto\" or a time in s"),
-    from("actuation_tolerance", 1e-15, 0.5, "a ratio"),
-    from("path.from_m", -200.0, 200.0, "two coordinates in m"),
-    from("path.to_m", -200.0, 200.0, "two coordinates in m"),
-    from("force.normal_N", 0.0, 1e6, "a force in N"),
-    from(
-        "force.direction",
-        -1e6,
-        1e6,
-        "two components, not both zero,",
-    ),
-    from("K_DF_s", 0.0, 1e3, "a gain in s"),
-    from("K_PF", 0.0, 1e3, "a gain"),
-    from("K_IF_per_s", 0.0, 1e6, "a gain in 1/s"),
-    from("K_w_Nms_rad", 0.0, 1e4, "a gain in N m s/rad"),
-    above("force_filter_Hz", 0.0, 1e6, "a frequency in Hz"),
-    above("slope_rate_filter_Hz", 0.0, 1e6, "a frequency in Hz"),
-    from(
-        "elements",
-        1.0,
-        ELEMENTS_MAX as f64,
-        "a whole number of elements",
-    ),
-    from("bending_stiffness_scale", 0.01, 100.0, "a factor"),
-    from("link1_mass_scale", 0.01, 100.0, "a factor"),
-    from("link2_mass_scale", 0.01, 100.0, "a factor"),
-    from("damping_scale", 0.0, 10.0, "a factor"),
-    from("root_inertia_kgm2", 0.0, 1e3, "an inertia in kg m^2"),
-    from("tip_mass_kg", 0.0, 1e5, "a mass in kg"),
-    from("tip_inertia_kgm2", 0.0, 1e3, "an inertia in kg m^2"),
-    from("added_root_inertia_kgm2", 0.0, 1e3, "inertias in kg m^2"),
-    from("contact_angle_rad", -1.0, 1.0, "angles in rad"),
-    from("tick_rate_Hz", 10.0, 1e6, "control rates in Hz"),
-    from(
-        "viscous_friction_Nms_rad",
-        0.0,
-        1e4,
-        "two frictions in N m s/rad",
-    ),
-    from(
-        "coulomb_friction_Nm",
-        0.0,
-        1e4,
-        "two friction torques in N m",
-    ),
-    from(
-        "substeps",
-        1.0,
-        SUBSTEPS_MAX as f64,
-        "a whole number of integration steps a tick",
-    ),
-];
-
-/// Words for what the fields without a range accept.
-const WORDS: &[(&str, &str)] = &[
-    ("link1", "a table [link1]"),
-    ("link2", "a table [link2]"),
-    ("base", "a table [base]"),
-    ("base.elbow", "\"down\" or \"up\""),
-    ("limits", "a table [limits]"),
-    ("path", "a table [path]"),
-    ("path.profile", "\"poly11\""),
-    ("force", "a table [force]"),
-    (
-        "force_projection",
-        "\"jacobian-transpose\" or \"as-printed\"",
-    ),
-    ("slope_rate_feedback", "\"deviation\" or \"as-printed\""),
-    ("feedforward", "true or false"),
-    ("geometric_stiffness", "true or false"),
-    (
-        "start",
-        "\"plan-moving\", \"plan-at-rest\" or \"equilibrium\"",
-    ),
-];
-
-/// What `field` accepts, in words.
-fn accepted(field: &str) -> Option<String> {
-    let range = RANGES.iter().find(|r| r.field == field);
-    let words = || WORDS.iter().find(|(name, _)| *name == field);
-    range
-        .map(ToString::to_string)
-        .or_else(|| words().map(|(_, words)| (*words).to_string()))
 }
 
 /// Reads TOML; errors become one line.
@@ -410,16 +244,20 @@ pub fn load<T>(
     }
 }
 
-/// Exactly two numbers; serde's own arrays leave a third one unread.
-fn pair<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 2], D::Error> {
-    struct Two;
-    impl<'de> Visitor<'de> for Two {
-        type Value = [f64; 2];
+/// Exactly two values; serde's own arrays leave a third one unread.
+fn pair<'de, T, D>(deserializer: D) -> Result<[T; 2], D::Error>
+where
+    T: Copy + Default + Deserialize<'de>,
+    D: Deserializer<'de>,
+{
+    struct Two<T>(PhantomData<T>);
+    impl<'de, T: Copy + Default + Deserialize<'de>> Visitor<'de> for Two<T> {
+        type Value = [T; 2];
         fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
             f.write_str("an array of length 2")
         }
-        fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<[f64; 2], A::Error> {
-            let mut values = [0.0; 2];
+        fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<[T; 2], A::Error> {
+            let mut values = [T::default(); 2];
             for (i, value) in values.iter_mut().enumerate() {
                 *value = list
                     .next_element()?
@@ -435,7 +273,7 @@ fn pair<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 2], D::Error
             Ok(values)
         }
     }
-    deserializer.deserialize_seq(Two)
+    deserializer.deserialize_seq(Two(PhantomData))
 }
 
 /// [`pair`] of a key that may be missing.

@@ -51,19 +51,29 @@ pub struct DriveScale {
 }
 
 impl DriveScale {
-    /// The count for a torque, N m, rounded down; the end of the range for what is beyond.
+    /// The count for a torque, N m, rounded to the nearest; the end of the range for what is
+    /// beyond.
     #[inline]
     pub fn count(&self, torque: f32) -> u16 {
         let zero = f32::from(self.zero);
-        let count = zero + torque * (zero / self.full_scale_nm);
-        // Float to integer saturates, and makes 0 of NaN, which the controller never gives.
+        // The half is what rounds: float to integer cuts off. It also saturates, and makes 0 of
+        // NaN, which the controller never gives.
+        let count = (zero + 0.5) + torque * (zero / self.full_scale_nm);
         (count as i32).clamp(0, i32::from(self.zero) * 2 - 1) as u16
+    }
+
+    /// The torque that a drive makes of a count, N m.
+    #[inline]
+    pub fn torque(&self, count: u16) -> f32 {
+        let zero = f32::from(self.zero);
+        (f32::from(count) - zero) * (self.full_scale_nm / zero)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     #[test]
     fn torques_become_counts_on_their_side_of_zero() {
@@ -75,7 +85,12 @@ mod tests {
             (0.0, 2048),
             (10.0, 2560),
             (-10.0, 1536),
-            (39.99, 4095),
+            (0.0097, 2048),
+            (0.0098, 2049),
+            (-0.0097, 2048),
+            (-0.0098, 2047),
+            (39.97, 4094),
+            (39.972, 4095),
             (-40.0, 0),
             (40.0, 4095),
             (1e9, 4095),
@@ -88,5 +103,32 @@ mod tests {
             ..scale
         };
         assert_eq!(reversed.count(10.0), 1536);
+    }
+
+    proptest! {
+        /// A torque within the range comes back within half a step, whichever way the drive
+        /// turns, and a count comes back as itself.
+        #[test]
+        fn the_drive_gives_the_nearest_torque_that_it_can(
+            bits in 8_u32..=16,
+            full_scale_nm in 1e-3..1e4_f32,
+            reversed: bool,
+            share in -1.0..1.0_f32,
+            count: u16,
+        ) {
+            let scale = DriveScale {
+                zero: 1 << (bits - 1),
+                full_scale_nm: if reversed { -full_scale_nm } else { full_scale_nm },
+            };
+            let step = full_scale_nm / f32::from(scale.zero);
+            // The last step of the positive end cannot be told in the count.
+            let sign = full_scale_nm.copysign(scale.full_scale_nm) / full_scale_nm;
+            let torque = sign * (share * full_scale_nm).min(full_scale_nm - step);
+            let given = scale.torque(scale.count(torque));
+            let rounding = 4.0 * f32::EPSILON * full_scale_nm;
+            prop_assert!((given - torque).abs() <= 0.5 * step + rounding, "{torque} {given}");
+            let count = count & (2 * u32::from(scale.zero) - 1) as u16;
+            prop_assert_eq!(scale.count(scale.torque(count)), count);
+        }
     }
 }

@@ -9,9 +9,11 @@
 //! | `sensing` | from encoder and converter counts to a measurement |
 //! | `parameters` | what a controller is made from, and its form on the wire |
 //! | `board` | what the tick needs from a board |
+//! | `board_parameters` | what a board is like, and what follows from it |
 //! | `memory_board` | a board that is values in memory, for tests and simulators |
 
 mod board;
+mod board_parameters;
 mod controller_slot;
 mod enabling;
 mod memory_board;
@@ -22,6 +24,7 @@ mod state;
 mod supervisor;
 
 pub use board::{Board, DriveScale};
+pub use board_parameters::{BoardParameters, ConverterScale};
 pub use controller_slot::ControllerSlot;
 pub use enabling::{
     EnableInputs, FaultMonitor, InputHealth, SafetyLimits, check_enable, check_torque_bound,

@@ -1,7 +1,29 @@
-//! Every number of the default board, each with where it comes from.
+//! Every number of this chip's board, each with where it comes from. Those that planner and
+//! simulator must know, too, are in the board file, by default `boards/stm32f405.toml`.
 
 use flexor::link::BAUD;
-use flexor::supervisor::{Calibration, DriveScale, SafetyLimits};
+use flexor::supervisor::{BoardParameters, Calibration, DriveScale, SafetyLimits};
+
+// --- The board file -----------------------------------------------------------------------
+
+/// What the board file says. All that follows from it is computed when the image is built.
+#[allow(
+    clippy::approx_constant,
+    reason = "the file's numbers are the user's: a quarter turn may be one"
+)]
+const BOARD: BoardParameters = include!(concat!(env!("OUT_DIR"), "/board.rs"));
+/// How counts become SI values.
+pub const CALIBRATION: Calibration = BOARD.calibration();
+/// How the drives' torques become counts.
+pub const DRIVES: [DriveScale; 2] = BOARD.drives();
+/// Count of the digital-analog converter that commands no torque.
+pub const DAC_ZERO: u16 = DRIVES[0].zero;
+/// Largest torques that the drives can be asked for, N m.
+pub const DRIVE_LIMIT_NM: [f64; 2] = BOARD.drive_limit_nm();
+/// Limits for enabling and for staying enabled.
+pub const SAFETY: SafetyLimits = BOARD.safety();
+/// Control rate, Hz.
+pub const TICK_RATE_HZ: u32 = BOARD.tick_rate_hz;
 
 // --- Clocks ------------------------------------------------------------------------
 
@@ -24,9 +46,6 @@ pub const PLL_POLLS: u32 = 10_000;
 
 // --- Control period ---------------------------------------------------------------------
 
-/// Control rate, Hz. 84 MHz and 16 MHz are both multiples of it, so that it is exact
-/// with the PLL and without.
-pub const TICK_RATE_HZ: u32 = 5_000;
 /// Timer counts from the converter's trigger to the tick. Two channels take 84 cycles of
 /// sampling and 12 of conversion each, at APB2's clock over 4: 2 * 96 * 4 = 768 counts
 /// of the timer, whose clock equals APB2's with the PLL and without; a quarter more for
@@ -54,78 +73,26 @@ pub const WATCHDOG_MS: u32 = 50;
 /// at 16 MHz, 1 ms at 168 MHz.
 pub const WAKE_CYCLES: u32 = INTERNAL_HZ / 100;
 
-// --- Sensors ---------------------------------------------------------------------------
+// --- What the board file must fit --------------------------------------------------------------
 
-/// Encoder lines a motor turn.
-const ENCODER_LINES: f32 = 4096.0;
-/// Counts a motor turn: both edges of both tracks.
-const ENCODER_COUNTS: f32 = 4.0 * ENCODER_LINES;
-/// Motor turns a joint turn. A geared motor passes 65,536 / 16,384 = 4 turns before
-/// the count wraps; a tick sees a fraction of a turn.
-const GEAR: f32 = 1.0;
-/// Joint angle a count, rad.
-const ENCODER_RAD: f32 = core::f32::consts::TAU / (ENCODER_COUNTS * GEAR);
-/// Force a converter count, N: the amplifier maps -20 to 20 N onto 0 to 3.3 V, 12 bits.
-const FORCE_N: f32 = 40.0 / 4096.0;
-/// Root slope a converter count, rad: the bridge amplifier maps -0.5 to 0.5 rad onto 0 to 3.3 V.
-const SLOPE_RAD: f32 = 1.0 / 4096.0;
-/// Converter count of half the range: no force, no bending.
-const HALF_RANGE: f32 = 2048.0;
-
-/// How counts become SI values.
-pub const CALIBRATION: Calibration = Calibration {
-    encoder_rad: [ENCODER_RAD, ENCODER_RAD],
-    // At its home stops the arm hangs straight down.
-    home_rad: [core::f32::consts::FRAC_PI_2, 0.0],
-    force_n: (FORCE_N, HALF_RANGE),
-    slope_rad: (SLOPE_RAD, HALF_RANGE),
-    // 13 mV from either rail, where an amplifier of single supply still gets, is 16 counts.
-    range: (16, 4079),
-};
-
-// --- Drives ------------------------------------------------------------------------------
-
-/// Torques at the ends of the drives' analog range, N m: a current-controlled drive
-/// that takes -10 to 10 V behind a level shifter from 0 to 3.3 V.
-const DRIVE_FULL_SCALE_NM: [f32; 2] = [40.0, 4.0];
-/// Largest torques that the drives can be asked for, N m. The converter's output buffer ends
-/// 0.2 V from either rail (datasheet, DAC characteristics): 1.45 V of 1.65 V. The law's own limits are
-/// never wider when the arm is enabled.
-pub const DRIVE_LIMIT_NM: [f64; 2] = {
-    let usable = 1.45 / 1.65;
-    [
-        usable * DRIVE_FULL_SCALE_NM[0] as f64,
-        usable * DRIVE_FULL_SCALE_NM[1] as f64,
-    ]
-};
-/// Count of the digital-analog converter (12 bits) that commands no torque.
-pub const DAC_ZERO: u16 = 2048;
-/// How the drives' torques become counts.
-pub const DRIVES: [DriveScale; 2] = [
-    DriveScale {
-        zero: DAC_ZERO,
-        full_scale_nm: DRIVE_FULL_SCALE_NM[0],
-    },
-    DriveScale {
-        zero: DAC_ZERO,
-        full_scale_nm: DRIVE_FULL_SCALE_NM[1],
-    },
-];
-
-// --- Safety ----------------------------------------------------------------------------
-
-/// Limits for enabling and for staying enabled.
-pub const SAFETY: SafetyLimits = SafetyLimits {
-    // The law corrects force, not position: 0.01 rad at either joint is 5 mm at the tip.
-    start_rad: [0.01, 0.01, 0.02],
-    // 100 ms: a host that asks for the status 50 times a second may miss four.
-    link_timeout_ticks: TICK_RATE_HZ / 10,
-};
+/// Bits of the converters, to either side.
+const CONVERTER_BITS: u32 = 12;
 
 const _: () = {
     // TIM2's clock and APB2's are equal with the PLL and without.
     let [fast, slow] = [APB2_PLL_HZ, INTERNAL_HZ];
     assert!(2 * APB1_PLL_HZ == APB2_PLL_HZ);
-    assert!(fast.is_multiple_of(TICK_RATE_HZ) && slow.is_multiple_of(TICK_RATE_HZ));
+    assert!(
+        fast.is_multiple_of(TICK_RATE_HZ) && slow.is_multiple_of(TICK_RATE_HZ),
+        "tick_rate_Hz of the board file must divide 84 MHz and 16 MHz"
+    );
+    assert!(
+        slow / TICK_RATE_HZ > CONVERSION_LEAD_COUNTS,
+        "tick_rate_Hz of the board file leaves no time for the conversions"
+    );
+    assert!(
+        BOARD.converter_bits == CONVERTER_BITS && BOARD.drive_bits == CONVERTER_BITS,
+        "converter.bits and drives.bits of the board file must be 12"
+    );
     assert!(fast.is_multiple_of(BAUD) && slow.is_multiple_of(BAUD));
 };

@@ -15,6 +15,7 @@
 use crate::plant::bench::drive::DELAY_TICKS_MAX;
 use crate::plant::bench::noise::Noise;
 use flexor::link::RawSample;
+use flexor::supervisor::{BoardParameters, ConverterScale};
 
 /// How an encoder counts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,6 +55,25 @@ pub struct Channels {
     pub force: ConverterChannel,
     /// Converter of the root gauge, rad of equivalent slope.
     pub strain: ConverterChannel,
+}
+
+impl From<&BoardParameters> for Channels {
+    fn from(board: &BoardParameters) -> Self {
+        let rad_per_count = board.encoder_rad_per_count();
+        let converter = |scale: ConverterScale| ConverterChannel {
+            per_count: scale.per_count,
+            zero_count: scale.zero_count,
+            count_max: board.converter_count_max(),
+        };
+        Self {
+            encoder: [0, 1].map(|i| EncoderChannel {
+                rad_per_count: rad_per_count[i],
+                home_rad: board.home_rad[i],
+            }),
+            force: converter(board.force_scale()),
+            strain: converter(board.slope_scale()),
+        }
+    }
 }
 
 /// Errors of a gauge or a cell, in its own unit.
