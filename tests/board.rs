@@ -25,6 +25,7 @@ use std::time::Duration;
 const TABLE: TableIdentity = TableIdentity {
     crc: 0xfeed_0001,
     arm_fingerprint: 0xa,
+    task_fingerprint: 0xb,
     ticks: 50,
 };
 
@@ -256,7 +257,7 @@ fn identity_status_and_sensors_are_told_in_words_and_json() {
         "3.14.15, commit 1234abcd+",
         "168 MHz, crystal and PLL",
         "the watchdog was not fed",
-        "table 0xfeed0001, 50 ticks, 0.010 s",
+        "table 0xfeed0001, 50 ticks, 0.010 s, task 0x0000000b",
         "wrong checksum",
     ] {
         assert!(words.contains(word), "no {word:?} in {words}");
@@ -345,6 +346,7 @@ fn an_enabled_table_is_attended_to_its_end_and_disabled() {
         (&"completed".into(), &"A".into())
     );
     assert_eq!((&end["tick"], &end["ticks"]), (&50.into(), &50.into()));
+    assert_eq!(end["table_task"], "0x0000000b");
 }
 
 #[test]
@@ -496,7 +498,7 @@ fn silence_and_other_speech_are_told_apart() {
     let output = noise.start(&["status"]).wait_with_output().unwrap();
     failed(&output, &["no answer", "4 bytes came, 1 unreadable"]);
 
-    // "Done" of the protocol's version 1, by hand: COBS leaves bytes without zeros as they
+    // "Done" of the protocol's version before, by hand: COBS leaves bytes without zeros as they
     // are, behind their number and one.
     let mut old = vec![VERSION - 1, 2];
     let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
@@ -506,7 +508,7 @@ fn silence_and_other_speech_are_told_apart() {
     old.push(0);
     let old = Fake::raw(move |_| old.clone());
     let output = old.start(&["status"]).wait_with_output().unwrap();
-    failed(&output, &["no answer", "another protocol version than 2"]);
+    failed(&output, &["no answer", "another protocol version than 3"]);
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! The command line as a user meets it: results, errors and exit codes.
 
 mod cli_gains;
+mod cli_tables;
 
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -108,165 +109,6 @@ fn a_plan_comes_as_csv_table_and_json() {
 }
 
 #[test]
-fn a_table_that_would_command_something_else_is_refused() {
-    // Root inertia, a tip mass and no post-actuation: torques swing between two ticks.
-    let out = folder("table_off");
-    let file = |name: &str, text: &str, changes: &[(&str, &str)]| {
-        let mut text = text.to_string();
-        for (from, to) in changes {
-            assert!(text.contains(from), "no {from:?} in the example");
-            text = text.replacen(from, to, 1);
-        }
-        let file = out.join(name);
-        std::fs::write(&file, text).unwrap();
-        file.to_str().unwrap().to_string()
-    };
-    let arm = file(
-        "arm.toml",
-        ARM,
-        &[
-            ("elements = 3", "elements = 6"),
-            ("damping_ratio = 0.05", "damping_ratio = 0.1"),
-            (
-                "bending_stiffness_Nm2 = 0.48",
-                "bending_stiffness_Nm2 = 8.4",
-            ),
-            ("# root_inertia_kgm2 = 0.0", "root_inertia_kgm2 = 6e-3"),
-            ("# tip_mass_kg = 0.0", "tip_mass_kg = 0.2"),
-        ],
-    );
-    let task = file(
-        "task.toml",
-        TASK,
-        &[
-            ("duration_s = 2.0", "duration_s = 0.27"),
-            ("pre_actuation_s = 0.0", "pre_actuation_s = \"auto\""),
-        ],
-    );
-    let results = out.join("results");
-    for command in ["plan", "run"] {
-        refused(
-            &[
-                command,
-                "--arm",
-                &arm,
-                "--task",
-                &task,
-                "--out",
-                results.to_str().unwrap(),
-            ],
-            2,
-            &[
-                "feedforward table",
-                "torque tau1 (N m) only to",
-                "is accepted",
-                "a longer post_actuation_s",
-            ],
-        );
-        assert!(!results.exists(), "{command} leaves results");
-    }
-}
-
-#[test]
-fn a_run_takes_a_table_file_and_refuses_a_bad_one() {
-    let out = folder("table");
-    let path = |name: &str| out.join(name).to_str().unwrap().to_string();
-    let run = |table: &str| {
-        let out = path("run");
-        flexor(&[
-            "run",
-            "--json",
-            "--plant-elements",
-            "3",
-            "--table",
-            table,
-            "--out",
-            &out,
-        ])
-    };
-    json(&flexor(&["plan", "--json", "--out", &path("")]));
-    let result = json(&run(&path("table.bin")));
-    assert_eq!(result["outcome"], "completed");
-    let csv = std::fs::read_to_string(path("run/run.csv")).unwrap();
-    assert!(csv.starts_with(
-        "t_s,f_normal_N,f_normal_ref_N,x1_m,x2_m,x1_ref_m,x2_ref_m,theta10_rad,theta20_rad,root_slope_rad,root_slope_rate_rad_s,tau1_Nm,tau2_Nm"
-    ));
-
-    let image = std::fs::read(path("table.bin")).unwrap();
-    let refused_table = |name: &str, bytes: &[u8], word: &str| {
-        std::fs::write(path(name), bytes).unwrap();
-        refused(
-            &["run", "--table", &path(name), "--out", &path("run")],
-            2,
-            &[name, word],
-        );
-    };
-    refused_table("short.bin", &image[..1000], "truncated");
-    refused_table("empty.bin", &[], "truncated");
-    refused_table("erased.bin", &[0xff; 5000], "FLXT");
-    let mut changed = image.clone();
-    changed[2000] ^= 4;
-    refused_table("changed.bin", &changed, "checksum");
-    // A damaged header is named with what it says, and what is accepted.
-    let with = |at: usize, bytes: &[u8]| {
-        let mut changed = image.clone();
-        changed[at..at + bytes.len()].copy_from_slice(bytes);
-        changed
-    };
-    let pieces = "'pieces' is 65, 1 to 64 is accepted";
-    refused_table("pieces.bin", &with(6, &[65, 0]), pieces);
-    let piece = "'ticks of a piece' is 0, 1 to 16777216 is accepted";
-    refused_table("piece.bin", &with(48, &[0; 4]), piece);
-    let rows = "'rows' is 0, ";
-    refused_table("rows.bin", &with(24, &[0; 4]), rows);
-    // The table says what the plan's equations would.
-    let output = flexor(&[
-        "run",
-        "--table",
-        &path("table.bin"),
-        "--model",
-        "as-printed",
-    ]);
-    let message = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{message}");
-    assert!(message.contains("--table") && message.contains("--model"));
-    refused(
-        &["run", "--table", &path("none.bin"), "--out", &path("run")],
-        2,
-        &["none.bin"],
-    );
-    // A good table of another task.
-    refused(
-        &[
-            "run",
-            "--tick-rate-hz",
-            "1000",
-            "--table",
-            &path("table.bin"),
-            "--out",
-            &path("run"),
-        ],
-        2,
-        &["10000 ticks", "2000 ticks", "plan it again"],
-    );
-    // And of another arm.
-    std::fs::write(path("arm.toml"), ARM.replace("0.24", "0.25")).unwrap();
-    refused(
-        &[
-            "run",
-            "--arm",
-            &path("arm.toml"),
-            "--table",
-            &path("table.bin"),
-            "--out",
-            &path("run"),
-        ],
-        2,
-        &["table.bin", "planned for arm", "plan it again"],
-    );
-}
-
-#[test]
 fn controllers_modes_starts_and_numbers_can_be_chosen() {
     let out = folder("options");
     let path = |name: &str| out.join(name).to_str().unwrap().to_string();
@@ -277,15 +119,10 @@ fn controllers_modes_starts_and_numbers_can_be_chosen() {
         json(&flexor(&all))["force_error_rms_N"].as_f64().unwrap()
     };
     let soft = ["--bending-stiffness-scale", "0.9"];
-    let feedforward = rms(&[soft[0], soft[1], "--mode", "feedforward"]);
-    let equilibrium = rms(&[
-        soft[0],
-        soft[1],
-        "--mode",
-        "feedforward",
-        "--start",
-        "equilibrium",
-    ]);
+    let alone = [soft[0], soft[1], "--mode", "feedforward"];
+    let from = |start: &str| rms(&[&alone[..], &["--start", start]].concat());
+    let (feedforward, equilibrium) = (from("plan-at-rest"), from("equilibrium"));
+    assert_eq!(rms(&alone), equilibrium);
     assert!((feedforward - 0.081).abs() < 0.001 && (equilibrium - 0.0076).abs() < 1e-4);
     let single = rms(&["--number", "f32"]);
     let double = rms(&["--number", "f64"]);
@@ -329,6 +166,49 @@ fn controllers_modes_starts_and_numbers_can_be_chosen() {
     );
     let exact = rms(&["--mode", "feedforward"]);
     assert!(rms(&["--mode", "feedforward", "--model", "as-printed"]) > 10.0 * exact);
+}
+
+#[test]
+fn a_script_can_demand_that_a_run_is_completed() {
+    let out = folder("demand");
+    let results = out.join("results");
+    let run = |more: &[&str]| {
+        let arguments = ["run", "--json", "--out", results.to_str().unwrap()];
+        flexor(&[&arguments[..], more].concat())
+    };
+    // Feedback alone leaves the path; these gains, with drives that give them all they want, end in
+    // infinity.
+    let strong = out.join("strong.toml");
+    let limits = "[limits]\ntorque_Nm = [1e5, 1e5]\ntorque_rate_Nm_s = [1e9, 1e9]\n";
+    std::fs::write(&strong, format!("{ARM}\n{limits}")).unwrap();
+    let wild = out.join("wild.toml");
+    let gains = "K_DF_s = 0.0\nK_PF = 0.0\nK_IF_per_s = 9000.0\nK_w_Nms_rad = 0.0\n";
+    std::fs::write(&wild, gains).unwrap();
+    let [strong, wild] = [strong, wild].map(|file| file.to_str().unwrap().to_string());
+    let wild = ["--controller", &wild, "--arm", &strong];
+    let cases = [
+        (&["--start", "plan-at-rest"][..], "completed", [0, 0]),
+        (&["--mode", "feedback"], "tip_off_path", [0, 3]),
+        (&wild, "diverged", [1, 3]),
+    ];
+    for (arguments, outcome, codes) in cases {
+        for (demand, code) in [&[][..], &["--require-completed"]].into_iter().zip(codes) {
+            let output = run(&[arguments, demand].concat());
+            let message = text(&output.stderr);
+            assert_eq!(output.status.code(), Some(code), "{outcome}: {message}");
+            // Printed and written as ever.
+            let printed: Value = serde_json::from_slice(&output.stdout).unwrap();
+            let written = std::fs::read(results.join("summary.json")).unwrap();
+            assert_eq!(printed["outcome"], outcome);
+            assert_eq!(serde_json::from_slice::<Value>(&written).unwrap(), printed);
+            if code == 3 {
+                let last = message.lines().last().unwrap();
+                for word in ["error: ", outcome, "--require-completed"] {
+                    assert!(last.contains(word), "no {word:?} in {last}");
+                }
+            }
+        }
+    }
 }
 
 /// Every `key = value` line of a TOML text, with its value's place.

@@ -2,6 +2,7 @@
 
 use flexor::control::{Controller, LawParameters, LimitParameters};
 use flexor::fault::Fault;
+use flexor::model::ArmParameters;
 use flexor::signals::{Measurement, Saturation};
 use flexor::table::Table;
 use flexor_sim::files::config;
@@ -92,6 +93,48 @@ fn from_its_own_equilibrium_the_softer_arm_is_held_better_still() {
         proposed <= 0.4 * feedforward,
         "{proposed} N against {feedforward} N"
     );
+}
+
+/// A plant of more elements than were planned with, started by default, is at rest before the
+/// motion: it is the planned arm, whatever the force. Started in the plan's shape it springs back
+/// within milliseconds, with 0.76 N here and 17 N where 10 N are planned.
+#[test]
+fn a_finer_plant_starts_at_rest() {
+    let urdf_arm = ArmParameters {
+        link1_length_m: 0.5,
+        link1_mass_kg: 4.0,
+        link2_length_m: 0.5,
+        link2_mass_kg: 4.0,
+        bending_stiffness_nm2: 145.833_333,
+        damping_ratio: 0.02,
+        ..paper_arm()
+    };
+    let mut short = fast_task(0.1);
+    short.path.from = [0.75, 0.1];
+    short.path.to = [0.4, 0.1];
+    short.path.duration = 1.0;
+    for (arm, task, force, most) in [
+        (paper_arm(), paper_task(), 2.0, 5e-4),
+        (paper_arm(), paper_task(), 10.0, 5e-4),
+        (urdf_arm, short, 5.0, 0.1),
+    ] {
+        let task = Task {
+            normal_force: force,
+            ..task
+        };
+        let (plan, table) = planned(&arm, &task);
+        let error = |start| {
+            let options = RunOptions {
+                plant: PlantParameters::default(),
+                ..options(&plan, Mode::Feedforward, 1.0, start)
+            };
+            let mut simulation = Simulation::<f32>::new(&plan, &table.image, &options).unwrap();
+            simulation.run(|_| {}).summary.force_error_max
+        };
+        let (default, shaped) = (error(Start::default()), error(Start::PlanAtRest));
+        assert!(default <= most, "{force} N: {default:e} N");
+        assert!(shaped > 5.0 * default, "{force} N: {shaped:e} N");
+    }
 }
 
 #[test]

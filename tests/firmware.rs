@@ -290,7 +290,7 @@ fn a_bad_table_is_named_and_the_other_slot_used() {
     let cases: [(SlotError, Change); 8] = [
         (SlotError::Magic, |t| t[0] ^= 1),
         (SlotError::Magic, |t| t.fill(0xff)), // erased
-        (SlotError::Version, |t| t[4] = 2),
+        (SlotError::Version, |t| t[4] = 1),
         (SlotError::Crc, |t| t[t.len() - 1] ^= 1),
         (SlotError::Length, |t| {
             t[40..44].copy_from_slice(&200_000_u32.to_le_bytes());

@@ -401,3 +401,82 @@ proptest! {
         }
     }
 }
+
+/// A table is told by what was planned, not by how the task says it.
+#[test]
+fn the_tasks_fingerprint_tells_plans_apart() {
+    let of = |arm: &ArmParameters, task: &Task, options: &PlanOptions| {
+        plan(arm, task, options).unwrap().task_fingerprint()
+    };
+    let (arm, task, options) = (paper_arm(), paper_task(), PlanOptions::default());
+    let with = |change: &dyn Fn(&mut Task)| {
+        let mut task = task;
+        change(&mut task);
+        of(&arm, &task, &options)
+    };
+    let up = ArmParameters {
+        elbow: Elbow::Up,
+        ..arm
+    };
+    let mut seen = vec![
+        of(&arm, &task, &options),
+        of(&up, &task, &options),
+        of(
+            &arm,
+            &task,
+            &PlanOptions {
+                elements: 2,
+                ..options
+            },
+        ),
+        of(
+            &arm,
+            &task,
+            &PlanOptions {
+                tick_rate_hz: 4000,
+                ..options
+            },
+        ),
+        of(
+            &arm,
+            &task,
+            &PlanOptions {
+                equations: Equations::AsPrinted,
+                ..options
+            },
+        ),
+        with(&|task| task.path.from[0] += 1e-12),
+        with(&|task| task.path.from[1] -= 1e-12),
+        with(&|task| task.path.to[0] += 1e-12),
+        with(&|task| task.path.to[1] -= 1e-12),
+        with(&|task| core::mem::swap(&mut task.path.from, &mut task.path.to)),
+        with(&|task| task.path.duration -= 1e-12),
+        with(&|task| task.normal_force += 1e-12),
+        with(&|task| task.direction = Some([0.0, -1.0])),
+        with(&|task| task.pre_actuation = Window::Fixed(0.1)),
+        with(&|task| task.post_actuation = Window::Fixed(0.1)),
+    ];
+    let all = seen.len();
+    seen.sort_unstable();
+    seen.dedup();
+    assert_eq!(seen.len(), all);
+
+    // Another arm has its own fingerprint, and the same task.
+    let heavier = ArmParameters {
+        link1_mass_kg: 9.0,
+        ..arm
+    };
+    assert_eq!(of(&heavier, &task, &options), of(&arm, &task, &options));
+    // The same motion in other words.
+    let same = of(&arm, &task, &options);
+    assert_eq!(with(&|task| task.direction = Some([0.3, 2.0])), same);
+    assert_eq!(with(&|task| task.pre_actuation = Window::Fixed(-0.0)), same);
+    let auto = with(&|task| task.pre_actuation = Window::Auto { tolerance: 1e-6 });
+    let derived = Task {
+        pre_actuation: Window::Auto { tolerance: 1e-6 },
+        ..task
+    };
+    let ticks = plan(&arm, &derived, &options).unwrap().pre_ticks;
+    let window = Window::Fixed(f64::from(ticks) / f64::from(options.tick_rate_hz));
+    assert_eq!(with(&|task| task.pre_actuation = window), auto);
+}

@@ -58,7 +58,12 @@ impl Comms {
         let slots = Slot::ALL.map(|slot| {
             let table = flash_slots::open(slot, arm_fingerprint);
             match &table {
-                Ok(table) => defmt::info!("slot {}: table {=u32:#x}", slot, table.crc()),
+                Ok(table) => defmt::info!(
+                    "slot {}: table {=u32:#x}, task {=u32:#x}",
+                    slot,
+                    table.crc(),
+                    table.header().task_fingerprint
+                ),
                 Err(error) => defmt::info!("slot {}: no usable table, {}", slot, error),
             }
             table.map(|table| TableIdentity::from(&table))

@@ -29,6 +29,8 @@ fn table_image(arm: &ArmParameters) -> Result<Vec<u8>, TableError> {
     }];
     let header = Header {
         arm_fingerprint: arm.fingerprint(),
+        // Of what was planned: the planner's business.
+        task_fingerprint: 0,
         tick_rate_hz: 1000,
         ticks: 100,
         first_tick: 0,

@@ -26,11 +26,16 @@ fn cargo(verb: &str, files: &Files) -> Result<Command> {
     fs::create_dir_all(&out)?;
     announce("planning the image's table");
     let Demo {
+        plan,
         table,
         setup,
         board,
-        ..
     } = inputs::plan_files(files)?;
+    announce(&format!(
+        "the table is of task {:#010x}, {} bytes",
+        plan.task_fingerprint(),
+        table.image.len()
+    ));
     let mut buffer = [0; 256];
     let setup = Setup::from(&setup);
     let setup = setup.encode(&mut buffer)?;
@@ -136,7 +141,9 @@ pub(crate) fn flash(options: &FlashOptions) -> Result<()> {
     let mut reset = probe_rs("reset");
     let file = match &options.table {
         Some(table) => {
-            check_table(table, options.files.board()?.parameters.tick_rate_hz)?;
+            let rate = options.files.board()?.parameters.tick_rate_hz;
+            let task = check_table(table, rate)?;
+            announce(&format!("the table is of task {task:#010x}"));
             let address = SLOT_ADDRESSES[options.slot as usize];
             probe.args(["--binary-format", "bin", "--base-address"]);
             probe.arg(format!("{address:#010x}"));
@@ -166,8 +173,8 @@ pub(crate) fn flash(options: &FlashOptions) -> Result<()> {
 }
 
 /// Makes sure that a file is a table that the firmware would take from a slot, at the rate of its
-/// timer (Hz), but for the arm: only the board knows that.
-fn check_table(file: &Path, tick_rate_hz: u32) -> Result<()> {
+/// timer (Hz), but for the arm: only the board knows that. The fingerprint of its task.
+fn check_table(file: &Path, tick_rate_hz: u32) -> Result<u32> {
     let name = file.display();
     let bytes = fs::read(file).with_context(|| format!("cannot read {name}"))?;
     let table = Table::open(&bytes).with_context(|| format!("{name} is no table"))?;
@@ -181,7 +188,7 @@ fn check_table(file: &Path, tick_rate_hz: u32) -> Result<()> {
         length <= SLOT_BYTES,
         "{name}: {length} bytes, a slot takes {SLOT_BYTES}: a shorter duration_s is accepted"
     );
-    Ok(())
+    Ok(table.header().task_fingerprint)
 }
 
 #[cfg(test)]
@@ -227,9 +234,11 @@ mod tests {
     fn only_a_table_for_the_firmwares_rate_is_flashed() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("table.bin");
-        let mut image = inputs::demo().unwrap().table.image;
+        let demo = inputs::demo().unwrap();
+        let mut image = demo.table.image;
         fs::write(&file, &image).unwrap();
-        check_table(&file, 5000).unwrap();
+        let task = demo.plan.task_fingerprint();
+        assert_eq!(check_table(&file, 5000).unwrap(), task);
         assert!(check_table(&file, 2500).is_err());
         // Another rate, with a good checksum.
         image[12..16].copy_from_slice(&4000_u32.to_le_bytes());

@@ -7,8 +7,7 @@ use super::{
 use crate::campaign::identity::CampaignInput;
 use crate::files::config::{self, ConfigError, FILE_BYTES_MAX, ScenarioConfig, read_text};
 use crate::files::export;
-use crate::simulation::bench::{self, BenchArm, BenchBoard, BenchLog, BenchTask};
-use crate::simulation::closed_loop::Outcome;
+use crate::simulation::bench::{self, BenchArm, BenchBoard, BenchLog, BenchTask, RunFigures};
 use crate::text::four_digits;
 use clap::Args;
 use flexor::control::LawParameters;
@@ -147,7 +146,7 @@ impl Bench {
         title: &str,
         (keys, facts): (Map<String, Value>, Vec<(String, String)>),
         json: bool,
-    ) -> Result<(), CliError> {
+    ) -> Result<RunFigures, CliError> {
         let plan = &self.planned.plan;
         let since = Instant::now();
         let progress = progress_bar(plan.points.len() as u64, "ticks, {eta} left");
@@ -199,7 +198,6 @@ impl Bench {
             _ => "feedback",
         };
         let place = pages::runs(&output, title, &[(name, "bench", plan, &run)], &all)?;
-        let folder = output.folder().to_path_buf();
         output.commit()?;
         if json {
             print(&summary)?;
@@ -209,13 +207,6 @@ impl Bench {
             print(results([(name, "bench", &run)]))?;
             print(format_args!("\n{place}"))?;
         }
-        if figures.outcome == Outcome::Diverged {
-            return Err(CliError::Stopped {
-                t_s: figures.ended_s,
-                outcome: figures.outcome,
-                out: folder,
-            });
-        }
-        Ok(())
+        Ok(figures)
     }
 }

@@ -1,8 +1,8 @@
 //! The command `campaign`: thousands of runs of a scenario, and shards of them put together.
 
 use super::bench::{Bench, ScenarioArgs};
-use super::folder::Output;
-use super::{CliError, Common, pages, print, print_facts, progress_bar, say};
+use super::run::judge;
+use super::{CliError, Common, Output, pages, print, print_facts, progress_bar, say};
 use crate::campaign::engine::Campaign;
 use crate::campaign::findings::Findings;
 use crate::campaign::identity::{CampaignIdentity, Shard};
@@ -145,7 +145,8 @@ fn only(args: &CampaignArgs, number: u64) -> Result<(), CliError> {
         keys.insert(key.to_string(), json!(value));
     }
     let title = "Flexor: run of a campaign";
-    bench.run(output, &drawn.arm, title, (keys, facts), args.common.json)
+    let figures = bench.run(output, &drawn.arm, title, (keys, facts), args.common.json)?;
+    judge(figures.outcome, figures.ended_s, false, &args.out)
 }
 
 fn runs(args: &CampaignArgs) -> Result<(), CliError> {

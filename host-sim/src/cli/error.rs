@@ -48,10 +48,16 @@ pub(super) enum CliError {
     #[error("{}: {source}", file.display())]
     Table { file: PathBuf, source: TableError },
     #[error("{}: the table has {found}, this task has {expected}: plan it again", file.display())]
-    OtherTask {
+    OtherTiming {
         file: PathBuf,
         found: String,
         expected: String,
+    },
+    #[error("{}: the table is of task {found:#010x}, this is task {expected:#010x}: another path, force, elbow, number of link2.elements or --model; name with --task what the file of --table was planned for, or plan it again", file.display())]
+    OtherTask {
+        file: PathBuf,
+        found: u32,
+        expected: u32,
     },
     #[error("{}: cannot be read: {cause}", file.display())]
     Unreadable { file: PathBuf, cause: io::Error },
@@ -108,6 +114,8 @@ pub(super) enum CliError {
         outcome: Outcome,
         out: PathBuf,
     },
+    #[error("the outcome is {}, --require-completed accepts completed; the results are in {}", outcome.name(), out.display())]
+    NotCompleted { outcome: Outcome, out: PathBuf },
     #[cfg(feature = "target")]
     #[error(transparent)]
     Pil(#[from] PilError),
@@ -144,8 +152,8 @@ impl From<AccuracyError> for CliError {
 }
 
 impl CliError {
-    /// 2 where the user's input is at fault, 3 where a verdict that was asked for is no, 1
-    /// elsewhere.
+    /// 2 where the user's input is at fault, 3 where the work was done and its verdict is not
+    /// the one that was asked for, 1 elsewhere.
     pub(super) fn exit_code(&self) -> u8 {
         match self {
             Self::Config(_)
@@ -153,6 +161,7 @@ impl CliError {
             | Self::Limit { .. }
             | Self::DriveLimit { .. }
             | Self::Table { .. }
+            | Self::OtherTiming { .. }
             | Self::OtherTask { .. }
             | Self::Unreadable { .. }
             | Self::Busy { .. }
@@ -187,6 +196,7 @@ impl CliError {
             // No gains found, or the optimiser's failure, is none of the user's.
             Self::Stability(StabilityError::NotTuned { .. } | StabilityError::Optimiser(_)) => 1,
             Self::Stability(_) => 2,
+            Self::NotCompleted { .. } => 3,
             Self::Unwritable { .. }
             | Self::TableFit(TableFitError::Format(_))
             | Self::Stopped { .. }

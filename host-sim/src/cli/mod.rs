@@ -2,7 +2,8 @@
 //!
 //! Exit codes: 0 the work was done (also when a simulated controller fails: that is a
 //! result); 1 it could not be done (output not writable, a simulation that stopped
-//! early); 2 the command line or a file is at fault; 130 ended by a signal.
+//! early); 2 the command line or a file is at fault; 3 the work was done, and its outcome is
+//! not the one that was asked for (`--require-completed`); 130 ended by a signal.
 
 mod accuracy;
 mod bench;

@@ -4,6 +4,9 @@ use super::{CliError, Output};
 use crate::analysis::fixed_point::accuracy::Accuracy;
 use crate::analysis::stability::map::GainId;
 use crate::analysis::stability::path::Report;
+use crate::campaign::findings::Findings;
+use crate::campaign::identity::CampaignIdentity;
+use crate::campaign::record::CampaignRecords;
 use crate::planner::plan::Plan;
 use crate::plant::PlantParameters;
 use crate::simulation::closed_loop::Run;
@@ -50,5 +53,15 @@ pub(super) fn accuracy(
 
 /// Says where the results are.
 pub(super) fn gains(output: &Output, _content: &GainsContent<'_>) -> Result<String, CliError> {
+    place(output)
+}
+
+/// Says where the results are.
+pub(super) fn campaign(
+    output: &Output,
+    _identity: &CampaignIdentity,
+    _records: &CampaignRecords,
+    _findings: &Findings,
+) -> Result<String, CliError> {
     place(output)
 }

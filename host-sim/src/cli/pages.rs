@@ -99,12 +99,19 @@ pub(super) fn gains(output: &Output, content: &GainsContent<'_>) -> Result<Strin
     Ok(place(output))
 }
 
-/// Writes figures and page of a campaign; says where they are.
+/// Writes figures and page of a campaign; says where they will be.
 pub(super) fn campaign(
     output: &Output,
-    _identity: &CampaignIdentity,
-    _records: &CampaignRecords,
-    _findings: &Findings,
+    identity: &CampaignIdentity,
+    records: &CampaignRecords,
+    findings: &Findings,
 ) -> Result<String, CliError> {
+    let page = report::CampaignPage {
+        identity,
+        records,
+        findings,
+        notes: &[],
+    };
+    report::write_campaign(&output.partial(), &page)?;
     Ok(place(output))
 }

@@ -214,6 +214,10 @@ impl Planned {
                 "arm_fingerprint",
                 json!(format!("{:#010x}", self.plan.model.arm.fingerprint())),
             ),
+            (
+                "table_task",
+                json!(format!("{:#010x}", self.plan.task_fingerprint())),
+            ),
             ("planned_torque1_max_Nm", json!(peaks.torque[0])),
             ("planned_torque2_max_Nm", json!(peaks.torque[1])),
             ("planned_power1_max_W", json!(peaks.power[0])),
@@ -242,8 +246,8 @@ impl Planned {
             ("planned power", format!("up to {:.3} and {:.3} W", peaks.power[0], peaks.power[1])),
             ("slope rate at the start", format!("{:.2e} rad/s", plan.points[0].root_slope_rate)),
             ("feedforward table", format!(
-                "{} bytes, torque to {:.1e} N m, {:.1e} of its peak",
-                self.table.image.len(), self.table.torque_error_max_nm, self.table.torque_error_share)),
+                "task {:#010x}, {} bytes, torque to {:.1e} N m, {:.1e} of its peak",
+                plan.task_fingerprint(), self.table.image.len(), self.table.torque_error_max_nm, self.table.torque_error_share)),
         ]
         .map(|(name, fact)| (name.to_string(), fact))
         .to_vec()

@@ -46,11 +46,16 @@ pub(super) struct SimulationArgs {
     /// Factor on the plant's bending stiffness; before the plant file's
     #[arg(long, value_name = "X")]
     bending_stiffness_scale: Option<f64>,
-    /// State that the plant starts in; before the plant file's
+    /// State that the plant starts in; before the plant file's [equilibrium]
     #[arg(long, value_enum)]
     start: Option<StartArg>,
-    /// A table to run instead of the one that is planned; it must fit arm and task
-    #[arg(long, value_name = "FILE", conflicts_with = "model")]
+    /// Exit code 3 unless the run is completed: also where the tip leaves the path or the
+    /// contact is lost
+    #[arg(long)]
+    require_completed: bool,
+    /// A table to run instead of the one that is planned; it must be of this arm and task,
+    /// planned with the same --model
+    #[arg(long, value_name = "FILE")]
     table: Option<PathBuf>,
 }
 
@@ -202,7 +207,10 @@ fn run_on_bench(args: &RunArgs) -> Result<(), CliError> {
     setup.bending_stiffness_scale = given.bending_stiffness_scale;
     let arm = setup.on_bench(&bench.planned.plan, 1)?;
     let nothing = (Map::new(), Vec::new());
-    bench.run(output, &arm, "Flexor: run", nothing, simulation.common.json)
+    let json = simulation.common.json;
+    let figures = bench.run(output, &arm, "Flexor: run", nothing, json)?;
+    let required = simulation.require_completed;
+    judge(figures.outcome, figures.ended_s, required, &args.out)
 }
 
 /// What is to be run, planned.
@@ -210,6 +218,8 @@ pub(super) struct Simulation {
     pub(super) planned: Planned,
     pub(super) options: RunOptions,
     pub(super) mode: Mode,
+    /// Whether another outcome than completed is a failure.
+    require_completed: bool,
 }
 
 impl Simulation {
@@ -252,20 +262,31 @@ impl Simulation {
         print(format_args!("\n{place}"))
     }
 
-    /// A run that could not go on to its end is a failure; a bad result is not.
-    /// The results are in `out`.
+    /// See [`judge`]; the results are in `out`.
     pub(super) fn judge(&self, run: &Run, out: &Path) -> Result<(), CliError> {
-        let outcome = run.summary.outcome;
-        if outcome == Outcome::Diverged {
-            let first = self.planned.plan.points[0].t;
-            return Err(CliError::Stopped {
-                t_s: run.rows.last().map_or(first, |row| row.t),
-                outcome,
-                out: out.to_path_buf(),
-            });
-        }
-        Ok(())
+        let first = self.planned.plan.points[0].t;
+        let ended_s = run.rows.last().map_or(first, |row| row.t);
+        judge(run.summary.outcome, ended_s, self.require_completed, out)
     }
+}
+
+/// A run that could not go on beyond the time `ended_s` is a failure; a bad result is one only if
+/// that is what was asked for. The results are in `out`.
+pub(super) fn judge(
+    outcome: Outcome,
+    ended_s: f64,
+    require_completed: bool,
+    out: &Path,
+) -> Result<(), CliError> {
+    let out = out.to_path_buf();
+    if require_completed && outcome != Outcome::Completed {
+        return Err(CliError::NotCompleted { outcome, out });
+    }
+    if outcome == Outcome::Diverged {
+        let t_s = ended_s;
+        return Err(CliError::Stopped { t_s, outcome, out });
+    }
+    Ok(())
 }
 
 impl SimulationArgs {
@@ -298,6 +319,7 @@ impl SimulationArgs {
             planned,
             options,
             mode,
+            require_completed: self.require_completed,
         })
     }
 
@@ -346,7 +368,7 @@ impl SimulationArgs {
 /// Bytes of a file that are read as a table.
 const TABLE_BYTES_MAX: u64 = 64 << 20;
 
-/// Reads a table image and makes sure that it is for the plan's arm, rate and length.
+/// Reads a table image and makes sure that it is for the plan's arm and task.
 fn read_table(file: &Path, plan: &Plan) -> Result<Vec<u8>, CliError> {
     // More than any slot holds is no table; a device would never end.
     let mut image = Vec::new();
@@ -366,15 +388,23 @@ fn read_table(file: &Path, plan: &Plan) -> Result<Vec<u8>, CliError> {
     let first_tick = -plan.pre_ticks.cast_signed();
     let is = (header.tick_rate_hz, header.ticks, header.first_tick);
     let should = (plan.tick_rate_hz, plan.ticks, first_tick);
-    if is == should {
-        return Ok(image);
-    }
     let words = |(rate, ticks, first): (u32, u32, i32)| {
         format!("{ticks} ticks from tick {first} at {rate} Hz")
     };
-    Err(CliError::OtherTask {
-        file: file.to_path_buf(),
-        found: words(is),
-        expected: words(should),
-    })
+    if is != should {
+        return Err(CliError::OtherTiming {
+            file: file.to_path_buf(),
+            found: words(is),
+            expected: words(should),
+        });
+    }
+    let (found, expected) = (header.task_fingerprint, plan.task_fingerprint());
+    if found != expected {
+        return Err(CliError::OtherTask {
+            file: file.to_path_buf(),
+            found,
+            expected,
+        });
+    }
+    Ok(image)
 }

@@ -19,11 +19,11 @@ use crate::model::printed::inverse_as_printed;
 use crate::planner::collocation;
 use crate::planner::collocation::Solution;
 use crate::planner::elastic_bvp::{Deflection, first_mesh, largest};
-use crate::planner::path::{LinePath, TipMotion};
+use crate::planner::path::{LinePath, Profile, TipMotion};
 use crate::planner::task::{Equations, PlanError, Task, surface};
 use crate::planner::zeros::{fastest_zero, window_length};
 use crate::text::Shortest;
-use flexor::model::{ArmParameters, JointMotion};
+use flexor::model::{ArmParameters, Elbow, JointMotion, fingerprint};
 use nalgebra::DVector;
 
 /// Fewest control periods that a path can be travelled in.
@@ -360,6 +360,42 @@ impl Plan {
     pub fn deflection_at(&self, tick: u32) -> &[f64] {
         let n = self.model.dof();
         &self.deflection[tick as usize * n..][..n]
+    }
+
+    /// Fingerprint of what was planned for the arm: of path, duration and profile, force and the
+    /// side that it presses on, elbow, windows and rate in ticks, elements and equations. A table
+    /// carries it ([`flexor::table::Header::task_fingerprint`]).
+    pub fn task_fingerprint(&self) -> u32 {
+        let path = &self.task.path;
+        let profile = match path.profile {
+            Profile::Poly11 => 11.0,
+        };
+        let elbow = match self.model.arm.elbow {
+            Elbow::Down => 0.0,
+            Elbow::Up => 1.0,
+        };
+        let equations = match self.equations {
+            Equations::Exact => 0.0,
+            Equations::AsPrinted => 1.0,
+        };
+        let values = [
+            path.from[0],
+            path.from[1],
+            path.to[0],
+            path.to[1],
+            path.duration,
+            profile,
+            self.task.normal_force,
+            self.surface.normal[0],
+            self.surface.normal[1],
+            elbow,
+            f64::from(self.pre_ticks),
+            f64::from(self.ticks),
+            f64::from(self.tick_rate_hz),
+            self.model.elements as f64,
+            equations,
+        ];
+        fingerprint("flexor task 1", &values)
     }
 
     /// Reads the plan at any time.

@@ -184,6 +184,7 @@ pub fn fit_table(plan: &Plan) -> Result<EncodedTable, TableFitError> {
     let tolerance = tolerance(plan);
     let header = Header {
         arm_fingerprint: plan.model.arm.fingerprint(),
+        task_fingerprint: plan.task_fingerprint(),
         tick_rate_hz: plan.tick_rate_hz,
         ticks: plan.ticks,
         first_tick: -(plan.pre_ticks.cast_signed()),
@@ -574,7 +575,8 @@ mod tests {
                 };
                 let samples: Vec<_> = (0..=ticks).map(|tick| [unit * value(tick); COLUMNS]).collect();
                 let header = Header {
-                    arm_fingerprint: 1, tick_rate_hz: 1000, ticks: ticks as u32, first_tick: 0, scaling: [0; COLUMNS],
+                    arm_fingerprint: 1, task_fingerprint: 2, tick_rate_hz: 1000, ticks: ticks as u32, first_tick: 0,
+                    scaling: [0; COLUMNS],
                 };
                 write(&samples, &[unit * 1e-6; COLUMNS], header).unwrap()
             };

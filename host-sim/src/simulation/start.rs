@@ -9,9 +9,11 @@ pub enum Start {
     /// The plan's first shape with the plan's elastic velocity.
     PlanMoving,
     /// The plan's first shape at rest.
-    #[default]
     PlanAtRest,
-    /// The plant's own equilibrium under the planned force.
+    /// The plant's own equilibrium under the planned force: what an arm that is put on the
+    /// surface does by itself. Any other shape springs back, and a plant of more elements than
+    /// were planned with does so within milliseconds and with many times the force.
+    #[default]
     Equilibrium,
 }
 

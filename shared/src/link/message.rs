@@ -45,7 +45,7 @@
 //! | 2 done | `02` |
 //! | 3 refused | `03`, [`Refusal`] |
 //! | 4 command | `04`, sequence varint, tick varint, torque 2 x f32, saturation 2 x u8, fault number u8 as option, ticks of the stopwatch varint |
-//! | 5 lock-step | `05`, table: CRC u32, arm fingerprint u32, ticks u32, varints |
+//! | 5 lock-step | `05`, table: CRC u32, arm fingerprint u32, task fingerprint u32, ticks u32, varints |
 //! | 6 log | `06`, number of bytes u8 (as varint), and those: one entry of defmt's raw encoding (wire format 4), read with the symbols of the ELF |
 //! | 7 enabled | `07`, slot, table as above |
 //! | 8 sensors | `08`, counts: encoders 2 x u16, force u16, strain u16 (varints), fresh bool; measurement; stop released, drives ok, converters off their rails, homed: bools |
@@ -198,7 +198,7 @@ mod tests {
         ];
         assert_eq!(frame(&command), raw_frame(&body));
         let begun = Reply::LockStep(TABLE);
-        let body = [VERSION, 5, 0xb4, 0x24, 1, 0x90, 0x4e];
+        let body = [VERSION, 5, 0xb4, 0x24, 1, 0xac, 0x02, 0x90, 0x4e];
         assert_eq!(frame(&begun), raw_frame(&body));
         let entry = Reply::Log([7, 0, 255].into_iter().collect());
         assert_eq!(frame(&entry), raw_frame(&[VERSION, 6, 3, 7, 0, 255]));
@@ -221,7 +221,7 @@ mod tests {
             slot: Slot::B,
             table: TABLE,
         };
-        let body = [VERSION, 7, 1, 0xb4, 0x24, 1, 0x90, 0x4e];
+        let body = [VERSION, 7, 1, 0xb4, 0x24, 1, 0xac, 0x02, 0x90, 0x4e];
         assert_eq!(frame(&enabled), raw_frame(&body));
     }
 
@@ -275,8 +275,8 @@ mod tests {
             start: StartReason::Panic { line: 2, file: 3 },
         });
         let body = [
-            VERSION, 0, 0, 1, 0xac, 0x02, 0xde, 0xad, 0, 1, 1, 1, 1, 0, 0xb4, 0x24, 1, 0x90, 0x4e,
-            1, 3, 0x88, 0x27, 0x80, 1, 64, 0, 1, 1, 2, 3,
+            VERSION, 0, 0, 1, 0xac, 0x02, 0xde, 0xad, 0, 1, 1, 1, 1, 0, 0xb4, 0x24, 1, 0xac, 0x02,
+            0x90, 0x4e, 1, 3, 0x88, 0x27, 0x80, 1, 64, 0, 1, 1, 2, 3,
         ];
         assert_eq!(frame(&identity), raw_frame(&body));
         assert_eq!(replies(&frame(&identity)), [identity]);

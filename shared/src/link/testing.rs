@@ -35,6 +35,7 @@ pub(super) const SETUP: Setup = Setup {
 pub(super) const TABLE: TableIdentity = TableIdentity {
     crc: 0x1234,
     arm_fingerprint: 1,
+    task_fingerprint: 300,
     ticks: 10_000,
 };
 

@@ -73,15 +73,13 @@ impl ArmParameters {
         elbow: Elbow::Down,
     };
 
-    /// CRC-32 (ISO-HDLC) over a domain tag and the physical data as little-endian
-    /// f64, in the order of the fields, without the elbow (a posture, not a part).
+    /// [`fingerprint`] of the physical data in the order of the fields, without the elbow (a
+    /// posture, not a part).
     ///
     /// A table carries the fingerprint of the arm it was planned for; a controller
     /// refuses a table with another arm's.
     pub fn fingerprint(&self) -> u32 {
-        let mut digest = CRC32.digest();
-        digest.update(b"flexor arm 1");
-        for value in [
+        let values = [
             self.link1_length_m,
             self.link1_mass_kg,
             self.link2_length_m,
@@ -93,12 +91,21 @@ impl ArmParameters {
             self.tip_inertia_kgm2,
             self.gravity_m_s2[0],
             self.gravity_m_s2[1],
-        ] {
-            // -0.0 and 0.0 are the same arm.
-            digest.update(&(value + 0.0).to_le_bytes());
-        }
-        digest.finalize()
+        ];
+        fingerprint("flexor arm 1", &values)
     }
+}
+
+/// CRC-32 (ISO-HDLC) over a tag that says what the values are, and the values as little-endian
+/// f64. It tells by mistake alike things apart, not by intent.
+pub fn fingerprint(tag: &str, values: &[f64]) -> u32 {
+    let mut digest = CRC32.digest();
+    digest.update(tag.as_bytes());
+    for value in values {
+        // -0.0 and 0.0 are the same.
+        digest.update(&(value + 0.0).to_le_bytes());
+    }
+    digest.finalize()
 }
 
 /// Why a tip position has no usable joint angles.

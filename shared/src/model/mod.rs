@@ -3,5 +3,7 @@
 mod arm;
 mod beam;
 
-pub use arm::{ArmParameters, Elbow, JointMotion, Kinematics, KinematicsError, SINGULARITY_MARGIN};
+pub use arm::{
+    ArmParameters, Elbow, JointMotion, Kinematics, KinematicsError, SINGULARITY_MARGIN, fingerprint,
+};
 pub use beam::{Beam, BeamParameters, Modes};

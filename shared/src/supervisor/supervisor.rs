@@ -53,6 +53,7 @@ pub struct SupervisorStatus {
 /// # let pieces = [Piece { ticks: 10, segments: 1 }];
 /// # let header = Header {
 /// #     arm_fingerprint: arm.fingerprint(),
+/// #     task_fingerprint: 0,
 /// #     tick_rate_hz: 1000,
 /// #     ticks: 10,
 /// #     first_tick: 0,
@@ -393,6 +394,7 @@ mod tests {
         let arm = ArmParameters::PAPER;
         let header = Header {
             arm_fingerprint: arm.fingerprint(),
+            task_fingerprint: 0,
             tick_rate_hz: RATE_HZ,
             ticks: 100,
             first_tick: 0,

@@ -17,7 +17,7 @@
 //! | offset | type | field |
 //! |---|---|---|
 //! | 0 | `[u8; 4]` | magic, `FLXT` |
-//! | 4 | u16 | format version, 1 |
+//! | 4 | u16 | format version, 2 |
 //! | 6 | u16 | number of pieces, 1 to 64 |
 //! | 8 | u32 | fingerprint of the arm ([`crate::model::ArmParameters::fingerprint`]) |
 //! | 12 | u32 | tick rate, Hz |
@@ -28,8 +28,9 @@
 //! | 32 | `[i8; 8]` | scaling: a column's stored integers are its values times 2^scaling |
 //! | 40 | u32 | length of the whole image, bytes |
 //! | 44 | u32 | CRC-32 (ISO-HDLC) of all other bytes |
-//! | 48 | `[[u32; 2]; pieces]` | ticks and segments of each piece |
-//! | 48 + 8 pieces | `[[i32; 8]; rows]` | knots |
+//! | 48 | u32 | fingerprint of the task: of all that decides what was planned for that arm |
+//! | 52 | `[[u32; 2]; pieces]` | ticks and segments of each piece |
+//! | 52 + 8 pieces | `[[i32; 8]; rows]` | knots |
 //!
 //! At tick `t` of a piece, `i` and `u` are the whole and the fraction of
 //! `t * segments / ticks`, and a column is `sum_j basis_j(u) knot[i + j]`, `j = 0..4`,
@@ -46,12 +47,18 @@ use crate::table::layout::{HEADER_BYTES, MAGIC, PIECE_BYTES, PIECES_MAX, ROW_BYT
 
 /// Offset of the CRC in the header, which it does not cover.
 pub(super) const CRC_OFFSET: usize = 44;
+/// Offset of what follows the CRC.
+pub(super) const TASK_OFFSET: usize = 48;
 
 /// What a table's header says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Header {
     /// Fingerprint of the arm that the table was planned for.
     pub arm_fingerprint: u32,
+    /// Fingerprint of the task that was planned, made by the planner: two tables with the same
+    /// one are for the same motion, force and timing. The controller has no task to compare
+    /// it with.
+    pub task_fingerprint: u32,
     /// Tick rate, Hz.
     pub tick_rate_hz: u32,
     /// Number of control periods; references exist for ticks `0..=ticks`.
@@ -128,7 +135,7 @@ fn within(name: &'static str, found: impl Into<i64>, accepted: [i64; 2]) -> Resu
 pub(super) fn checksum(image: &[u8]) -> u32 {
     let mut digest = CRC32.digest();
     digest.update(&image[..CRC_OFFSET]);
-    digest.update(&image[HEADER_BYTES..]);
+    digest.update(&image[TASK_OFFSET..]);
     digest.finalize()
 }
 
@@ -174,6 +181,7 @@ impl<'a> Layout<'a> {
         }
         let header = Header {
             arm_fingerprint: word(8),
+            task_fingerprint: word(TASK_OFFSET),
             tick_rate_hz: word(12),
             ticks: word(16),
             first_tick: word(20).cast_signed(),
@@ -226,7 +234,8 @@ fn checked_rows(pieces: &[[u8; PIECE_BYTES]], ticks: u32) -> Result<i64, TableEr
 /// # use flexor::table::{Header, Piece, Table, TableWriter, image_bytes};
 /// # let pieces = [Piece { ticks: 10, segments: 1 }];
 /// # let header = Header {
-/// #     arm_fingerprint: 7, tick_rate_hz: 1000, ticks: 10, first_tick: 0, scaling: [20; 8],
+/// #     arm_fingerprint: 7, task_fingerprint: 9, tick_rate_hz: 1000, ticks: 10, first_tick: 0,
+/// #     scaling: [20; 8],
 /// # };
 /// # let mut image = vec![0; image_bytes(&pieces)];
 /// # let mut writer = TableWriter::new(&mut image, &header, &pieces)?;
@@ -399,6 +408,7 @@ mod tests {
     fn header() -> Header {
         Header {
             arm_fingerprint: 7,
+            task_fingerprint: 0x89ab_cdef,
             tick_rate_hz: 5000,
             ticks: 38,
             first_tick: -3,
@@ -486,6 +496,33 @@ mod tests {
     }
 
     #[test]
+    fn the_headers_bytes_are_as_documented() {
+        let image = image();
+        let word = |at: usize| u32::from_le_bytes(*image[at..].first_chunk().unwrap());
+        assert_eq!(image[..8], *b"FLXT\x02\0\x03\0");
+        assert_eq!([word(8), word(12), word(16)], [7, 5000, 38]);
+        assert_eq!(word(20).cast_signed(), -3);
+        assert_eq!([word(24), word(28)], [ROWS as u32, 8]);
+        assert_eq!(image[32..40], [26; 8]);
+        assert_eq!(word(40) as usize, LENGTH);
+        assert_eq!(word(48), 0x89ab_cdef);
+        let pieces: [u32; 6] = core::array::from_fn(|i| word(52 + 4 * i));
+        assert_eq!(pieces, [6, 6, 25, 3, 7, 1]);
+    }
+
+    #[test]
+    fn another_version_is_named() {
+        let mut image = image();
+        // Version 1 had no task, and everything else four bytes earlier.
+        for version in [1_u16, 3] {
+            image[4..6].copy_from_slice(&version.to_le_bytes());
+            let expected = TableError::Version { found: version };
+            assert_eq!(Table::open(&image).unwrap_err(), expected);
+            assert_eq!(Table::stated_bytes(&image).unwrap_err(), expected);
+        }
+    }
+
+    #[test]
     fn erased_flash_is_told_apart() {
         let error = Table::open(&[0xff; 4096]).unwrap_err();
         assert_eq!(error, TableError::Magic { found: [0xff; 4] });
@@ -513,7 +550,7 @@ mod tests {
             image[at..end].copy_from_slice(&bytes[..end - at]);
             // And all get a good checksum, to get past the last one.
             let crc = checksum(&image);
-            image[CRC_OFFSET..HEADER_BYTES].copy_from_slice(&crc.to_le_bytes());
+            image[CRC_OFFSET..TASK_OFFSET].copy_from_slice(&crc.to_le_bytes());
             if let Ok(table) = Table::open(&image) {
                 let mut cursor = table.cursor::<f32>();
                 for _ in 0..100 {

@@ -85,6 +85,8 @@ pub struct TableIdentity {
     pub crc: u32,
     /// Fingerprint of the arm that it was planned for.
     pub arm_fingerprint: u32,
+    /// Fingerprint of the task that it was planned for.
+    pub task_fingerprint: u32,
     /// Control periods.
     pub ticks: u32,
 }
@@ -94,6 +96,7 @@ impl From<&Table<'_>> for TableIdentity {
         Self {
             crc: table.crc(),
             arm_fingerprint: table.header().arm_fingerprint,
+            task_fingerprint: table.header().task_fingerprint,
             ticks: table.header().ticks,
         }
     }
@@ -136,6 +139,7 @@ mod tests {
         }];
         let header = Header {
             arm_fingerprint,
+            task_fingerprint: 9,
             tick_rate_hz: 1000,
             ticks: 10,
             first_tick: 0,

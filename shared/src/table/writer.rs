@@ -3,7 +3,7 @@
 use crate::number::Real;
 use crate::signals::{COLUMNS, Reference};
 use crate::table::error::TableError;
-use crate::table::format::{CRC_OFFSET, Header, Layout, Piece, checksum};
+use crate::table::format::{CRC_OFFSET, Header, Layout, Piece, TASK_OFFSET, checksum};
 use crate::table::layout::{HEADER_BYTES, MAGIC, PIECE_BYTES, RAW_MAX, ROW_BYTES, VERSION};
 
 /// Length in bytes of an image with these pieces.
@@ -34,6 +34,8 @@ pub fn scaling_for(magnitude: f64) -> i8 {
 /// let pieces = [Piece { ticks: 10, segments: 1 }];
 /// let header = Header {
 ///     arm_fingerprint: ArmParameters::PAPER.fingerprint(),
+///     // Of what was planned: the planner's business.
+///     task_fingerprint: 0,
 ///     tick_rate_hz: 1000,
 ///     ticks: 10,
 ///     first_tick: 0,
@@ -94,6 +96,7 @@ impl<'b> TableWriter<'b> {
         put(&header.scaling.map(i8::cast_unsigned));
         put(&(image_bytes(pieces) as u32).to_le_bytes());
         put(&[0; 4]); // the CRC's place
+        put(&header.task_fingerprint.to_le_bytes());
         for piece in pieces {
             put(&piece.encode());
         }
@@ -149,7 +152,7 @@ impl<'b> TableWriter<'b> {
             return Err(self.wrong_rows(0));
         }
         let crc = checksum(self.buffer);
-        self.buffer[CRC_OFFSET..HEADER_BYTES].copy_from_slice(&crc.to_le_bytes());
+        self.buffer[CRC_OFFSET..TASK_OFFSET].copy_from_slice(&crc.to_le_bytes());
         Ok(())
     }
 }
@@ -172,6 +175,7 @@ mod tests {
     const LENGTH: usize = HEADER_BYTES + 2 * PIECE_BYTES + ROWS * ROW_BYTES;
     const HEADER: Header = Header {
         arm_fingerprint: 7,
+        task_fingerprint: 9,
         tick_rate_hz: 5000,
         ticks: 38,
         first_tick: -3,

@@ -80,6 +80,10 @@ pub(super) fn enable(
         keys.extend(export::object([
             ("slot", json!(format!("{slot:?}"))),
             ("table_crc", json!(format!("{:#010x}", table.crc))),
+            (
+                "table_task",
+                json!(format!("{:#010x}", table.task_fingerprint)),
+            ),
             ("tick", json!(tick)),
             ("ticks", json!(ticks)),
         ]));

@@ -14,6 +14,7 @@ pub(super) fn json(identity: &Identity) -> Map<String, Value> {
     let slot = |slot: &Result<TableIdentity, SlotError>| match slot {
         Ok(table) => json!({
             "table_crc": hex(table.crc),
+            "table_task": hex(table.task_fingerprint),
             "arm_fingerprint": hex(table.arm_fingerprint),
             "ticks": table.ticks,
         }),
@@ -93,7 +94,7 @@ pub(super) fn facts(identity: &Identity) -> Vec<(&'static str, String)> {
 pub(super) fn table_words(table: &TableIdentity, tick_rate_hz: u32) -> String {
     let seconds = f64::from(table.ticks) / f64::from(tick_rate_hz.max(1));
     format!(
-        "table {:#010x}, {} ticks, {seconds:.3} s",
-        table.crc, table.ticks
+        "table {:#010x}, {} ticks, {seconds:.3} s, task {:#010x}",
+        table.crc, table.ticks, table.task_fingerprint
     )
 }

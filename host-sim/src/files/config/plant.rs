@@ -36,7 +36,7 @@ enum StartFile {
 }
 
 /// Reads the text of a plant file; `file` is its name for messages. What the file
-/// leaves out is as in [`PlantParameters::default`].
+/// leaves out is as in [`PlantParameters::default`] and [`Start::default`].
 ///
 /// # Errors
 /// [`ConfigError`].
@@ -70,8 +70,9 @@ pub fn parse_plant(file: &str, text: &str) -> Result<(PlantParameters, Start), C
     };
     let start = match read.start {
         Some(StartFile::PlanMoving) => Start::PlanMoving,
+        Some(StartFile::PlanAtRest) => Start::PlanAtRest,
         Some(StartFile::Equilibrium) => Start::Equilibrium,
-        Some(StartFile::PlanAtRest) | None => Start::PlanAtRest,
+        None => Start::default(),
     };
     Ok((parameters, start))
 }
