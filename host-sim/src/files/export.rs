@@ -147,27 +147,41 @@ fn run_values(row: &LogRow) -> [f64; 16] {
 #[cfg(feature = "bench")]
 pub fn bench_csv(rows: &[BenchRow], writer: impl Write) -> io::Result<()> {
     let mut csv = csv::Writer::from_writer(writer);
-    csv.write_record(RUN_COLUMNS.iter().chain(&BENCH_COLUMNS))?;
+    csv.write_record(bench_columns())?;
     for row in rows {
-        let r = &row.reading;
-        let raw = &row.sample;
-        let own = [
-            r.friction_force,
-            r.root_moment,
-            r.motor_angle[0],
-            r.motor_angle[1],
-            row.target[0],
-            row.target[1],
-            f64::from(raw.encoder[0]),
-            f64::from(raw.encoder[1]),
-            f64::from(raw.force),
-            f64::from(raw.strain),
-            f64::from(row.fault.map_or(0, Fault::number)),
-        ];
-        let common = run_values(&LogRow::from(row));
-        csv.write_record(common.iter().chain(&own).map(ToString::to_string))?;
+        csv.write_record(bench_values(row).map(|x| x.to_string()))?;
     }
     csv.flush()
+}
+
+/// The columns of a run on the bench.
+#[cfg(feature = "bench")]
+pub(super) fn bench_columns() -> impl Iterator<Item = &'static str> {
+    RUN_COLUMNS.into_iter().chain(BENCH_COLUMNS)
+}
+
+/// Their values.
+#[cfg(feature = "bench")]
+pub(super) fn bench_values(row: &BenchRow) -> [f64; RUN_COLUMNS.len() + BENCH_COLUMNS.len()] {
+    let (r, raw) = (&row.reading, &row.sample);
+    let own = [
+        r.friction_force,
+        r.root_moment,
+        r.motor_angle[0],
+        r.motor_angle[1],
+        row.target[0],
+        row.target[1],
+        f64::from(raw.encoder[0]),
+        f64::from(raw.encoder[1]),
+        f64::from(raw.force),
+        f64::from(raw.strain),
+        f64::from(row.fault.map_or(0, Fault::number)),
+    ];
+    let common = run_values(&LogRow::from(row));
+    core::array::from_fn(|i| match i.checked_sub(common.len()) {
+        None => common[i],
+        Some(i) => own[i],
+    })
 }
 
 /// What a run on the bench has besides [`summary_json`].
