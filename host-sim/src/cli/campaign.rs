@@ -190,7 +190,7 @@ fn runs(args: &CampaignArgs) -> Result<(), CliError> {
     let failed = Mutex::new(None);
     let stop = AtomicBool::new(false);
     let shared = Mutex::new(&mut checkpoint);
-    campaign.run_all(&left, &stop, all, |record, rows| {
+    let ended = campaign.run_all(&left, &stop, all, |record, rows| {
         progress.inc(1);
         let written = if all {
             write_ticks(&ticks, record.run, &rows)
@@ -203,8 +203,12 @@ fn runs(args: &CampaignArgs) -> Result<(), CliError> {
             stop.store(true, Ordering::Relaxed);
             *failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
         }
-    })?;
+    });
     progress.finish_and_clear();
+    if ended.is_err() && checkpoint.records.runs.is_empty() {
+        output.forget();
+    }
+    ended?;
     if let Some(error) = failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
         return Err(error);
     }
