@@ -285,7 +285,7 @@ impl Planned {
             ("planned in", format!(
                 "{:.1} ms, {intervals} intervals, {iterations} Newton steps; the table in {:.1} ms",
                 self.plan_ms, self.table_ms)),
-            ("deflection error estimate", format!("{:.1e} rad, m", plan.error_estimate())),
+            ("deflection error estimate", format!("{:.1e} rad, of the length", plan.error_estimate())),
             ("planned torque", format!("up to {:.4} and {:.4} N m", peaks.torque[0], peaks.torque[1])),
             ("torque limits", format!(
                 "{} and {} N m, {}", four_digits(self.limits.torque_nm[0]),
