@@ -46,6 +46,7 @@ fn the_default_board_is_bit_for_bit_the_one_that_the_firmware_had() {
         home_rad,
         force_n,
         slope_rad,
+        moment_nm_rad,
         range,
     } = board.calibration();
     let encoder = std::f32::consts::TAU / (4.0_f32 * 4096.0_f32 * 1.0_f32);
@@ -54,6 +55,7 @@ fn the_default_board_is_bit_for_bit_the_one_that_the_firmware_had() {
     assert_eq!(bits(home_rad), bits([std::f32::consts::FRAC_PI_2, 0.0]));
     assert_eq!(bits(force_n.into()), bits([40.0_f32 / 4096.0, 2048.0]));
     assert_eq!(bits(slope_rad.into()), bits([1.0_f32 / 4096.0, 2048.0]));
+    assert_eq!(moment_nm_rad, 0.0);
     assert_eq!(range, (16, 4079));
 
     for (drive, full_scale) in board.drives().into_iter().zip([40.0_f32, 4.0]) {

@@ -215,6 +215,8 @@ fn an_f32_tick_is_an_f64_tick_to_2e_5_newton_metres() {
                 root_slope: f64::from(measured.root_slope),
                 root_slope_rate: f64::from(measured.root_slope_rate),
                 force: f64::from(measured.force),
+                motor: measured.motor.map(f64::from),
+                root_moment: f64::from(measured.root_moment),
                 drive: measured.drive,
             };
             let reference = exact.tick(&same);
@@ -337,7 +339,7 @@ fn a_limited_integrator_recovers_at_once() {
         root_slope: start.root_slope,
         root_slope_rate: start.root_slope_rate,
         force: 0.0,
-        drive: [Saturation::None; 2],
+        ..Measurement::default()
     };
     let integral_after = |limits: &LimitParameters, drive| {
         let mut controller = Controller::new(&opened, &arm, &law, limits).unwrap();

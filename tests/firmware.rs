@@ -275,8 +275,9 @@ fn sensors_are_told_in_every_mode() {
     // No counts are the lowest force and slope: the image has the numbers of the board file.
     assert_eq!((measured.force, measured.root_slope), (-20.0, -0.5));
     let board = parse_board("board", DEFAULT_BOARD).unwrap().parameters;
-    let host = Sensing::new(&board.calibration(), board.tick_rate_hz, &report.raw).measurement();
-    let analog = |m: &Measurement<f32>| [m.force, m.root_slope].map(f32::to_bits);
+    let calibration = board.calibration().for_arm(&flexor_tests::paper_arm());
+    let host = Sensing::new(&calibration, board.tick_rate_hz, &report.raw).measurement();
+    let analog = |m: &Measurement<f32>| [m.force, m.root_slope, m.root_moment].map(f32::to_bits);
     assert_eq!(analog(&measured), analog(&host));
     assert_eq!(target.identity().tick_rate_hz, board.tick_rate_hz);
     assert_eq!(measured.root_slope_rate, 0.0);

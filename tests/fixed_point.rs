@@ -158,7 +158,7 @@ fn nothing_drifts_in_ten_million_ticks() {
             root_slope: last.root_slope,
             root_slope_rate: 3e-8,
             force: 2.0 - error,
-            drive: [Saturation::None; 2],
+            ..Measurement::default()
         };
         let rounded = Measurement::<Fixed>::from_si(&si, formats);
         (rounded, rounded.to_si(formats))
@@ -270,6 +270,7 @@ proptest! {
                 root_slope_rate: d,
                 force: e,
                 drive: [SIDES[side], SIDES[2 - side]],
+                ..Measurement::default()
             });
             prop_assert_eq!(command.fault, None);
             for joint in 0..2 {

@@ -41,7 +41,7 @@ mod app {
     };
     use crate::board::{Peripherals, Serial, TickBoard, Watchdog};
     use crate::comms::{Comms, LineErrors};
-    use crate::{calibrate, comms, crash_record, log, stack};
+    use crate::{calibrate, comms, crash_record, flash_slots, log, stack};
     use cortex_m::peripheral::syst::SystClkSource;
     use flexor::control::Controller;
     use flexor::link::{FRAME_MAX, Mode, Receiver, Reply, Request};
@@ -92,12 +92,16 @@ mod app {
         systick.enable_interrupt();
         let (received, from_host) = context.local.receive.split();
         let (to_host, to_send) = context.local.transmit.split();
+        // Without a setup no table runs, and nothing reads the moment.
+        let calibration = flash_slots::setup().map_or(CALIBRATION, |setup| {
+            CALIBRATION.for_arm(&setup.arm)
+        });
         let shared = Shared {
             supervisor: Supervisor::new(
                 &mut peripherals.tick,
                 ControllerSlot::new(context.local.running),
                 &SAFETY,
-                &CALIBRATION,
+                &calibration,
                 TICK_RATE_HZ,
             ),
             bytes_lost: 0,

@@ -173,6 +173,12 @@ pub struct Measurement<T> {
     pub root_slope_rate: T,
     /// Contact force along the surface normal, pressing positive, N.
     pub force: T,
+    /// Angles of the motors, rad: link 1's, which is theta10, and that of link 2's root tangent
+    /// against link 1, theta20 + w'(0) - theta10.
+    pub motor: [T; 2],
+    /// Bending moment at link 2's root, N m: the drive's torque less what friction and the
+    /// inertia at the root take of it.
+    pub root_moment: T,
     /// What the two drives report about the torque they could not give.
     pub drive: [Saturation; 2],
 }
@@ -186,6 +192,9 @@ impl<T: SiScalar> Measurement<T> {
             self.root_slope,
             self.root_slope_rate,
             self.force,
+            self.motor[0],
+            self.motor[1],
+            self.root_moment,
         ])
     }
 
@@ -197,6 +206,8 @@ impl<T: SiScalar> Measurement<T> {
             root_slope: T::from_si(si.root_slope, formats.root_slope),
             root_slope_rate: T::from_si(si.root_slope_rate, formats.slope_rate),
             force: T::from_si(si.force, formats.force),
+            motor: si.motor.map(T::from_rad),
+            root_moment: T::from_si(si.root_moment, formats.torque[1]),
             drive: si.drive,
         }
     }
@@ -208,6 +219,8 @@ impl<T: SiScalar> Measurement<T> {
             root_slope: self.root_slope.to_si(formats.root_slope),
             root_slope_rate: self.root_slope_rate.to_si(formats.slope_rate),
             force: self.force.to_si(formats.force),
+            motor: self.motor.map(T::to_rad),
+            root_moment: self.root_moment.to_si(formats.torque[1]),
             drive: self.drive,
         }
     }

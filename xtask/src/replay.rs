@@ -112,6 +112,9 @@ impl Recording {
             m.root_slope,
             m.root_slope_rate,
             m.force,
+            m.motor[0],
+            m.motor[1],
+            m.root_moment,
         ] {
             self.measurements.extend(bits(value).to_le_bytes());
         }

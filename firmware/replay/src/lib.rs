@@ -2,8 +2,8 @@
 //! floating point, and counts instructions. Runs in QEMU and talks to `cargo xtask replay`
 //! through files (semihosting):
 //!
-//! - in, `measurements.bin`: five words a tick, the bits of theta10, theta20, root slope,
-//!   its rate, force;
+//! - in, `measurements.bin`: eight words a tick, the bits of theta10, theta20, root slope,
+//!   its rate, force, both motor angles, root moment;
 //! - out, `commands.bin`: four words first (counts of 100,000 `nop`s, bytes of a
 //!   controller, bytes of stack that a tick takes, runs a count is for), then four words a
 //!   tick: the bits of both torques, limits and fault, ticks of the stopwatch.
@@ -35,7 +35,7 @@ static TABLE: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/table.bin"));
 const RUNS: u32 = 8;
 /// Ticks read and written at once.
 const BATCH: usize = 64;
-const MEASUREMENT_BYTES: usize = 20;
+const MEASUREMENT_BYTES: usize = 32;
 const COMMAND_BYTES: usize = 16;
 
 /// A number as a word.
@@ -143,7 +143,7 @@ pub fn replay<T: Bits>(coefficients: &[u8]) -> ! {
     }
 }
 
-/// A measurement as the host wrote it: five numbers' bits.
+/// A measurement as the host wrote it: eight numbers' bits.
 fn measurement<T: Bits>(bytes: &[u8; MEASUREMENT_BYTES]) -> Measurement<T> {
     let (words, _) = bytes.as_chunks::<4>();
     let word = |i: usize| T::of_bits(words.get(i).map_or(0, |bytes| u32::from_le_bytes(*bytes)));
@@ -152,6 +152,8 @@ fn measurement<T: Bits>(bytes: &[u8; MEASUREMENT_BYTES]) -> Measurement<T> {
         root_slope: word(2),
         root_slope_rate: word(3),
         force: word(4),
+        motor: [word(5), word(6)],
+        root_moment: word(7),
         drive: [Saturation::None; 2],
     }
 }

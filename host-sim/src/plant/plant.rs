@@ -115,6 +115,9 @@ pub struct Reading {
     pub tip: [f64; 2],
     /// Contact force along the surface normal, pressing positive, N.
     pub force: f64,
+    /// Bending moment at link 2's root, N m: joint 2's torque less friction and what the inertia
+    /// at the root takes.
+    pub root_moment: f64,
 }
 
 /// The simulated arm.
@@ -259,14 +262,21 @@ impl Plant {
             &mut self.slope,
             &mut self.workspace,
         );
+        let n = self.model.dof();
         let state = State(self.state.as_slice());
+        let [rate1, rate2] = state.rate();
+        let root_slope_rate = dot(&self.model.root_slope, state.q_rate());
+        let lost = friction(&self.parameters, [rate1, rate2 + root_slope_rate - rate1]);
+        let acceleration = self.slope[3] + dot(&self.model.root_slope, &self.slope[4 + n..]);
+        let hub = self.model.arm.root_inertia_kgm2 * acceleration;
         Reading {
             angle: state.angle(),
             rate: state.rate(),
             root_slope: dot(&self.model.root_slope, state.q()),
-            root_slope_rate: dot(&self.model.root_slope, state.q_rate()),
+            root_slope_rate,
             tip: self.model.kinematics.forward(state.angle()),
             force,
+            root_moment: torque[1] - lost[1] - hub,
         }
     }
 

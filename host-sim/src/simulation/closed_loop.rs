@@ -171,13 +171,20 @@ pub enum RunError {
     Plant(#[from] PlantError),
 }
 
-/// The plant's reading as the measurement of perfect sensors, SI.
+/// The plant's reading as the measurement of perfect sensors, SI. The slope is the link's own, and
+/// the moment what a gauge at the root would show, with the torques that are held and the
+/// acceleration that they give: see [`Plant::read`].
 pub fn measurement(reading: &Reading) -> Measurement<f64> {
     Measurement {
         angle: reading.angle,
         root_slope: reading.root_slope,
         root_slope_rate: reading.root_slope_rate,
         force: reading.force,
+        motor: [
+            reading.angle[0],
+            reading.angle[1] + reading.root_slope - reading.angle[0],
+        ],
+        root_moment: reading.root_moment,
         drive: [Saturation::None; 2],
     }
 }

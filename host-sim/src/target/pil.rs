@@ -284,6 +284,8 @@ fn any_measurement(random: &mut SplitMix) -> Measurement<f32> {
         root_slope: any_value(random),
         root_slope_rate: any_value(random),
         force: any_value(random),
+        motor: [any_value(random), any_value(random)],
+        root_moment: any_value(random),
         drive,
     }
 }

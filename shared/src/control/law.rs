@@ -500,7 +500,7 @@ mod tests {
             root_slope: 0.17,
             root_slope_rate: 0.25,
             force,
-            drive: [Saturation::None; 2],
+            ..Measurement::default()
         }
     }
 

@@ -27,8 +27,8 @@
 //! | 8 sensors | `08` |
 //! | 9 home | `09` |
 //!
-//! A [`Measurement`] is 22 bytes: angle 2 x f32, root slope f32, root slope rate f32, force
-//! f32, drive 2 x ([`Saturation`](crate::signals::Saturation): 0 none, 1 upper, 2 lower).
+//! A [`Measurement`] is 34 bytes: angle 2 x f32, root slope f32, root slope rate f32, force
+//! f32, motor angle 2 x f32, root moment f32, drive 2 x ([`Saturation`](crate::signals::Saturation): 0 none, 1 upper, 2 lower).
 //!
 //! A [`Setup`] is 158 bytes, or 8 more for each filter corner that is given: arm 11 x
 //! f64 and elbow (0 down, 1 up); law: `K_DF`, `K_PF`, `K_IF`, `K_w` f64, force filter
@@ -176,12 +176,17 @@ mod tests {
                 root_slope: 0.5,
                 root_slope_rate: f32::from_bits(0xff80_0001),
                 force: f32::from_bits(1),
+                motor: [1.0, -3.5],
+                root_moment: 1.25,
                 drive: [Saturation::Upper, Saturation::Lower],
             },
         };
         let mut body = std::vec![VERSION, 7, 0xac, 0x02];
         for bits in [0x3f80_0000_u32, 0xc000_0000, 0x3f00_0000, 0xff80_0001, 1] {
             body.extend(bits.to_le_bytes());
+        }
+        for value in [1.0_f32, -3.5, 1.25] {
+            body.extend(value.to_le_bytes());
         }
         body.extend([1, 2]);
         assert_eq!(frame(&measured), raw_frame(&body));
@@ -241,6 +246,8 @@ mod tests {
                 root_slope: 0.5,
                 root_slope_rate: 0.0,
                 force: 1.5,
+                motor: [1.0, -2.5],
+                root_moment: -0.25,
                 drive: [Saturation::None; 2],
             },
             interlocks: Interlocks {
@@ -251,7 +258,7 @@ mod tests {
             homed: true,
         });
         let mut body = std::vec![VERSION, 8, 1, 0xff, 0xff, 3, 0xff, 0x1f, 0x80, 1, 1];
-        for value in [1.0_f32, -2.0, 0.5, 0.0, 1.5] {
+        for value in [1.0_f32, -2.0, 0.5, 0.0, 1.5, 1.0, -2.5, -0.25] {
             body.extend(value.to_le_bytes());
         }
         body.extend([0, 0, 1, 0, 0, 1]);
@@ -316,23 +323,27 @@ mod tests {
     proptest! {
         #[test]
         fn every_measurement_keeps_its_bits(
-            sequence: u32, bits: [u32; 5], drive in prop::array::uniform2(0..3_u8),
+            sequence: u32, bits: [u32; 8], drive in prop::array::uniform2(0..3_u8),
         ) {
             let drive = drive.map(|d| match d {
                 0 => Saturation::None,
                 1 => Saturation::Upper,
                 _ => Saturation::Lower,
             });
-            let [a, b, c, d, e] = bits.map(f32::from_bits);
+            let [a, b, c, d, e, f, g, h] = bits.map(f32::from_bits);
             let sent = Request::Measured { sequence, measured: Measurement {
-                angle: [a, b], root_slope: c, root_slope_rate: d, force: e, drive,
+                angle: [a, b], root_slope: c, root_slope_rate: d, force: e, motor: [f, g],
+                root_moment: h, drive,
             }};
             let got = feed(&mut Receiver::new(), &frame(&sent));
             prop_assert_eq!(got.len(), 1);
             let Request::Measured { sequence: s, measured: m } = got[0] else { panic!() };
             prop_assert_eq!(s, sequence);
             prop_assert_eq!(m.drive, drive);
-            let back = [m.angle[0], m.angle[1], m.root_slope, m.root_slope_rate, m.force];
+            let back = [
+                m.angle[0], m.angle[1], m.root_slope, m.root_slope_rate, m.force,
+                m.motor[0], m.motor[1], m.root_moment,
+            ];
             prop_assert_eq!(back.map(f32::to_bits), bits);
         }
 

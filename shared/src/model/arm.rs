@@ -73,6 +73,12 @@ impl ArmParameters {
         elbow: Elbow::Down,
     };
 
+    /// Moment at link 2's root per slope there, 3 EI / r2, N m/rad, of a cantilever that a force
+    /// at its tip bends: the scale between a root gauge's moment and its equivalent slope.
+    pub const fn moment_per_root_slope(&self) -> f64 {
+        3.0 * self.bending_stiffness_nm2 / self.link2_length_m
+    }
+
     /// [`fingerprint`] of the physical data in the order of the fields, without the elbow (a
     /// posture, not a part).
     ///

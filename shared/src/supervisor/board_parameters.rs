@@ -117,7 +117,7 @@ impl BoardParameters {
         (self.rail_counts, largest)
     }
 
-    /// How counts become SI values.
+    /// How counts become SI values; for root moments see [`Calibration::for_arm`].
     pub const fn calibration(&self) -> Calibration {
         let encoder = self.encoder_rad_per_count();
         let (force, slope) = (self.force_scale(), self.slope_scale());
@@ -126,6 +126,7 @@ impl BoardParameters {
             home_rad: [self.home_rad[0] as f32, self.home_rad[1] as f32],
             force_n: (force.per_count as f32, force.zero_count as f32),
             slope_rad: (slope.per_count as f32, slope.zero_count as f32),
+            moment_nm_rad: 0.0,
             range: self.converter_range(),
         }
     }

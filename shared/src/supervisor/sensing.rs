@@ -14,10 +14,16 @@
 //! **Rails.** A converter near the end of its range says that a wire is broken, or that more
 //! is measured than fits; either way the value must not be used.
 //!
+//! **Root moment.** A gauge measures the bending moment. The board counts it as the slope that a
+//! tip force's moment gives the planned link, r2 / (3 EI) a newton metre; [`Calibration::for_arm`]
+//! makes that a moment again. Both are scales of the one calibration, by a known weight, so that
+//! the real link's stiffness is in neither.
+//!
 //! **Slope rate.** The backward difference of the root slope. A step of the converter
 //! shows in it as `step * rate`; the law's slope rate filter is what tames that.
 
 use crate::link::RawSample;
+use crate::model::ArmParameters;
 use crate::signals::{Measurement, Saturation};
 
 /// How counts become SI values.
@@ -31,8 +37,20 @@ pub struct Calibration {
     pub force_n: (f32, f32),
     /// Root slope a count, rad, and count of the straight link.
     pub slope_rad: (f32, f32),
+    /// Root moment that a root slope stands for, N m/rad; 0, and moments read 0, until the arm
+    /// is known: [`for_arm`](Self::for_arm).
+    pub moment_nm_rad: f32,
     /// Least and largest converter count that is off the rails.
     pub range: (u16, u16),
+}
+
+impl Calibration {
+    /// The same on a board that moves `arm`: root moments read in N m, 3 EI / r2 a radian.
+    #[must_use]
+    pub fn for_arm(mut self, arm: &ArmParameters) -> Self {
+        self.moment_nm_rad = arm.moment_per_root_slope() as f32;
+        self
+    }
 }
 
 /// Follows the counts, in integers, and turns them into measurements where one is wanted.
@@ -123,6 +141,8 @@ impl Sensing {
             root_slope,
             root_slope_rate: stretch as f32 * self.slope_rate,
             force: (f32::from(self.force) - c.force_n.1) * c.force_n.0,
+            motor,
+            root_moment: root_slope * c.moment_nm_rad,
             drive: [Saturation::None; 2],
         }
     }
@@ -138,6 +158,7 @@ mod tests {
         home_rad: [0.5, -1.0],
         force_n: (0.01, 2048.0),
         slope_rad: (0.001, 2000.0),
+        moment_nm_rad: 2.5,
         range: (16, 4079),
     };
 
@@ -156,6 +177,8 @@ mod tests {
         // theta20 = theta10 + motor2 - w'(0)
         assert!((m.angle[1] - (0.5 - 1.0 - 0.1)).abs() < 1e-6);
         assert!((m.force - 1.0).abs() < 1e-6 && m.root_slope_rate == 0.0);
+        assert!((m.motor[0] - 0.5).abs() < 1e-6 && (m.motor[1] + 1.0).abs() < 1e-6);
+        assert!((m.root_moment - 2.5 * 0.1).abs() < 1e-6);
         sensing.update(&RawSample {
             encoder: [4, 65_533], // +10 and -10, both over the wrap
             strain: 2110,
@@ -165,6 +188,21 @@ mod tests {
         assert!((m.angle[0] - 0.51).abs() < 1e-6);
         assert!((m.angle[1] - (0.51 - 0.98 - 0.11)).abs() < 1e-6);
         assert!((m.root_slope_rate - 10.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_moment_is_read_in_the_planned_arms_scale() {
+        let arm = ArmParameters::PAPER;
+        let calibration = CALIBRATION.for_arm(&arm);
+        let first = RawSample {
+            strain: 2100,
+            ..RawSample::default()
+        };
+        let m = Sensing::new(&calibration, 1000, &first).measurement();
+        // A force across the tip of 3 EI w'(0) / r2^2 bends a cantilever by w'(0) against its
+        // chord at the root.
+        let force = 3.0 * arm.bending_stiffness_nm2 * 0.1 / libm::pow(arm.link2_length_m, 2.0);
+        assert!((f64::from(m.root_moment) - force * arm.link2_length_m).abs() < 1e-6);
     }
 
     #[test]

@@ -79,6 +79,7 @@ pub struct SupervisorStatus {
 ///     home_rad: [0.0; 2],
 ///     force_n: (0.01, 2048.0),
 ///     slope_rad: (1e-4, 2048.0),
+///     moment_nm_rad: 2.6,
 ///     range: (16, 4079),
 /// };
 /// let limits = SafetyLimits { start_rad: [0.01; 3], link_timeout_ticks: 100 };
@@ -380,6 +381,7 @@ mod tests {
         home_rad: [0.5, -0.5],
         force_n: (0.01, 2048.0),
         slope_rad: (1e-3, 2048.0),
+        moment_nm_rad: 2.6,
         range: (16, 4079),
     };
 

@@ -154,6 +154,8 @@ pub fn ends(formats: &Formats<Exponent>) -> Measurement<f64> {
         root_slope: formats.root_slope.range(),
         root_slope_rate: formats.slope_rate.range(),
         force: formats.force.range(),
+        motor: [std::f64::consts::PI; 2],
+        root_moment: formats.torque[1].range(),
         drive: [Saturation::None; 2],
     }
 }
@@ -294,7 +296,7 @@ pub fn random_measurements(range: &Measurement<f64>) -> impl Iterator<Item = Mea
             root_slope: value(3, range.root_slope),
             root_slope_rate: value(4, range.root_slope_rate),
             force: value(5, range.force),
-            drive: [Saturation::None; 2],
+            ..Measurement::default()
         }
     })
 }
@@ -320,6 +322,7 @@ pub fn adversarial_measurements(
             root_slope_rate: side(3) * range.root_slope_rate,
             force: side(0) * range.force,
             drive: [SIDES[combination / 81], SIDES[(combination / 81) % 2]],
+            ..Measurement::default()
         }
     })
 }

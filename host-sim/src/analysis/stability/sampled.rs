@@ -22,7 +22,7 @@ use super::linear::{FORCE, Linear, SLOPE_RATE};
 use crate::planner::plan::Plan;
 use crate::plant::spread::PlantVariant;
 use flexor::control::{Law, LawParameters, LawState};
-use flexor::signals::{Measurement, Saturation, SaturationCounts, Setpoint};
+use flexor::signals::{Measurement, SaturationCounts, Setpoint};
 use nalgebra::DMatrix;
 
 /// Numbers that the law remembers: filtered force error, integral, filtered slope rate.
@@ -79,7 +79,7 @@ impl LinearLaw {
                 root_slope: 0.0,
                 root_slope_rate: measured[1],
                 force: measured[0],
-                drive: [Saturation::None; 2],
+                ..Measurement::default()
             };
             let demand = law.update(
                 &mut state,

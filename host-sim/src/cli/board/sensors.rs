@@ -37,6 +37,9 @@ pub(super) fn json(report: &SensorReport) -> Map<String, Value> {
         ("root_slope_rad", json!(measured.root_slope)),
         ("root_slope_rate_rad_s", json!(measured.root_slope_rate)),
         ("force_N", json!(measured.force)),
+        ("motor1_rad", json!(measured.motor[0])),
+        ("motor2_rad", json!(measured.motor[1])),
+        ("root_moment_Nm", json!(measured.root_moment)),
         ("estop_released", json!(interlocks.estop_released)),
         ("drives_ok", json!(interlocks.drives_ok)),
     ])

@@ -127,7 +127,8 @@ pub struct SensorParameters {
     pub encoder_delay_ticks: usize,
     /// What the root gauge shows.
     pub gauge_signal: GaugeSignal,
-    /// Slope that the gauge's moment stands for, `r2 / (3 EI)` of the real link, rad/(N m).
+    /// Slope that the gauge's moment stands for, `r2 / (3 EI)` of the planned link, rad/(N m): the
+    /// board's scale, so that board and gauge agree in N m whatever the real link's stiffness.
     pub slope_per_moment: f64,
     /// Errors of the root gauge, rad.
     pub gauge: AnalogErrors,

@@ -109,6 +109,11 @@ pub fn run<T: Lanes>(
         law: *task.law,
         limits: task.limits.at_most(task.board.drive_limit_nm),
     };
+    // A board's setup names the arm that it moves: the planned one.
+    let board = BenchBoard {
+        calibration: task.board.calibration.for_arm(&plan.model.arm),
+        ..*task.board
+    };
     let table = Table::open(task.image)?;
     let planned = plan.points[0].torque;
     let outputs = plant.outputs();
@@ -119,7 +124,7 @@ pub fn run<T: Lanes>(
         let first = outputs.lane(i);
         let inside = (controller, places);
         let rate = plan.tick_rate_hz;
-        boards.push(Lane::new(arm, task.board, inside, &first, planned, rate));
+        boards.push(Lane::new(arm, &board, inside, &first, planned, rate));
     }
     let mut tallies = vec![Tally::new(task.failure, period_s); arms.len()];
     let mut over = vec![false; arms.len()];

@@ -25,6 +25,7 @@ impl From<&BenchRow> for LogRow {
                 root_slope_rate: r.root_slope_rate,
                 tip: r.tip,
                 force: r.force,
+                root_moment: r.root_moment,
             },
             tip_reference: row.tip_reference,
             force_reference: row.force_reference,
