@@ -3,6 +3,7 @@
 //!
 //! This library reads the reference files and knows the paper's arm and tasks.
 
+use flexor::control::{LawParameters, PaperParameters};
 use flexor::model::ArmParameters;
 use flexor_sim::files::config;
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
@@ -52,6 +53,19 @@ pub fn path(name: &str) -> PathBuf {
     [env!("CARGO_MANIFEST_DIR"), "reference", name]
         .iter()
         .collect()
+}
+
+/// The example's gains, of the paper's law.
+pub fn paper_law() -> PaperParameters {
+    let law = config::parse_controller("example", config::DEFAULT_CONTROLLER)
+        .expect("the example is valid");
+    *law.paper().expect("the example is of the paper's law")
+}
+
+/// The hybrid law with the example's gains for any inertia at link 2's root.
+pub fn any_hub_law() -> LawParameters {
+    let text = include_str!("../examples/controller_any_hub.toml");
+    config::parse_controller("example", text).expect("the example is valid")
 }
 
 /// The paper's arm (Table 1), elbow down.

@@ -1,7 +1,7 @@
 //! The image in QEMU: bad tables, refusals, panics and faults, abuse of the link.
 //! `cargo xtask test` builds the image and runs these; `FLEXOR_ELF` says where it is.
 
-use flexor::control::{LawParameters, LimitParameters};
+use flexor::control::{LawParameters, LimitParameters, PaperParameters};
 use flexor::fault::Fault;
 use flexor::link::{
     ClockSource, FRAME_MAX, Mode, RawSample, Refusal, Reply, Request, Setup, StartReason, encode,
@@ -24,15 +24,15 @@ use std::time::{Duration, Instant};
 fn parameters() -> ControllerParameters {
     ControllerParameters {
         arm: flexor_tests::paper_arm(),
-        law: LawParameters {
+        law: LawParameters::Paper(PaperParameters {
             force_derivative_s: 0.01,
             force_proportional: 0.5,
             force_integral_per_s: 4.0,
             slope_rate_nms_rad: 0.1,
             force_filter_hz: Some(50.0),
             slope_rate_filter_hz: Some(20.0),
-            ..LawParameters::FEEDFORWARD
-        },
+            ..PaperParameters::FEEDFORWARD
+        }),
         limits: LimitParameters {
             torque_nm: [40.0, 4.0],
             torque_rate_nm_s: [4000.0, 400.0],

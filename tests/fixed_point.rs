@@ -1,14 +1,13 @@
 //! The tick in fixed point: how exact it is, that nothing wraps or drifts, and what does
 //! not fit is refused by name.
 
-use flexor::control::{Coefficients, Controller, LawParameters, LimitParameters, Mismatch};
+use flexor::control::{Coefficients, Controller, LimitParameters, Mismatch, PaperParameters};
 use flexor::number::fixed::{Exponent, Fixed};
 use flexor::number::{Scalar, SiScalar};
 use flexor::signals::{Measurement, Saturation};
 use flexor::table::Table;
 use flexor_sim::analysis::fixed_point::accuracy::{ends, measure, random_measurements};
 use flexor_sim::analysis::fixed_point::range::{Analysis, RangeError, analyse};
-use flexor_sim::files::config;
 use flexor_sim::planner::limits::default_limits;
 use flexor_sim::planner::plan::Plan;
 use flexor_sim::simulation::cases;
@@ -19,13 +18,13 @@ use flexor_tests::{fast_task, paper_arm, paper_task, planned};
 use proptest::prelude::*;
 use std::sync::LazyLock;
 
-fn law() -> LawParameters {
-    config::parse_controller("example", config::DEFAULT_CONTROLLER).unwrap()
+fn law() -> PaperParameters {
+    flexor_tests::paper_law()
 }
 
 fn options(plan: &Plan) -> RunOptions {
     RunOptions {
-        law: Mode::Proposed.of(&law()),
+        law: Mode::Proposed.of(&law().into()),
         limits: default_limits(plan),
         plant: cases::plant(plan.model.elements, 0.9),
         start: Start::PlanAtRest,
@@ -43,7 +42,7 @@ struct Paper {
 static PAPER: LazyLock<Paper> = LazyLock::new(|| {
     let (plan, table) = planned(&paper_arm(), &paper_task());
     let limits = default_limits(&plan);
-    let analysis = analyse(&plan, &table.image, &law(), &limits).unwrap();
+    let analysis = analyse(&plan, &table.image, &law().into(), &limits).unwrap();
     Paper {
         plan,
         image: table.image,
@@ -53,7 +52,7 @@ static PAPER: LazyLock<Paper> = LazyLock::new(|| {
 });
 
 /// Bound of a run's torque errors: a tick's, and what the integral has gathered.
-fn bound(analysis: &Analysis, law: &LawParameters, plan: &Plan) -> f64 {
+fn bound(analysis: &Analysis, law: &PaperParameters, plan: &Plan) -> f64 {
     let seconds = f64::from(plan.ticks) / f64::from(plan.tick_rate_hz);
     let arm = &plan.model.arm;
     let gathered = law.force_integral_per_s * seconds * analysis.force_error;
@@ -84,15 +83,13 @@ fn random_and_adversarial_inputs_stay_within_the_stated_bound() {
     let options = options(&paper.plan);
     let [_, fixed] = measure(&paper.plan, &paper.image, &options, &|| ()).unwrap();
     assert_eq!(fixed.random.ticks, 100_000);
-    let allowed = bound(&paper.analysis, &options.law, &paper.plan);
+    let allowed = bound(&paper.analysis, &law(), &paper.plan);
     assert!(fixed.random.max_nm <= allowed, "{:?}", fixed.random);
     assert!(allowed < 1e-4, "{allowed}");
 
-    let hostile = flexor_sim::analysis::fixed_point::accuracy::hostile_law(
-        &options.law,
-        paper.plan.tick_rate_hz,
-    );
-    let analysis = analyse(&paper.plan, &paper.image, &hostile, &options.limits).unwrap();
+    let hostile =
+        flexor_sim::analysis::fixed_point::accuracy::hostile_law(&law(), paper.plan.tick_rate_hz);
+    let analysis = analyse(&paper.plan, &paper.image, &hostile.into(), &options.limits).unwrap();
     let allowed = bound(&analysis, &hostile, &paper.plan);
     assert!(
         fixed.adversarial.max_nm <= allowed,
@@ -150,7 +147,7 @@ fn nothing_drifts_in_ten_million_ticks() {
     let formats = analysis.formats();
     let mut fixed = Controller::with(&table, &analysis.coefficients).unwrap();
     let mut exact =
-        Controller::<f64>::new(&table, &paper.plan.model.arm, &law, &paper.limits).unwrap();
+        Controller::<f64>::new(&table, &paper.plan.model.arm, &law.into(), &paper.limits).unwrap();
     let last = paper.plan.points.last().unwrap();
     let measured = [0.013, -0.013 + 1e-6].map(|error| {
         let si = Measurement {
@@ -175,10 +172,10 @@ fn nothing_drifts_in_ten_million_ticks() {
             }
         }
     }
-    let integral = Fixed::of_sum(fixed.state().integral).to_si(formats.force);
+    let integral = Fixed::of_sum(fixed.force_integral()).to_si(formats.force);
     // 1e-6 N / 2 gathered over 2000 s with 2 1/s.
-    assert!(exact.state().integral > 1e-3, "{}", exact.state().integral);
-    let drift = integral - exact.state().integral;
+    assert!(exact.force_integral() > 1e-3, "{}", exact.force_integral());
+    let drift = integral - exact.force_integral();
     assert!(drift.abs() < 2e-6, "integral drifted by {drift:e} N");
     assert!(worst < 1e-5, "torque drifted by {worst:e} N m");
     assert_eq!(fixed.saturations().total(), 0);
@@ -187,11 +184,11 @@ fn nothing_drifts_in_ten_million_ticks() {
 #[test]
 fn torques_are_monotone_up_to_and_beyond_saturation() {
     let paper = &*PAPER;
-    let law = LawParameters {
+    let law = PaperParameters {
         force_proportional: 3.0,
         ..law()
     };
-    let analysis = analyse(&paper.plan, &paper.image, &law, &paper.limits).unwrap();
+    let analysis = analyse(&paper.plan, &paper.image, &law.into(), &paper.limits).unwrap();
     let table = Table::open(&paper.image).unwrap();
     let fresh = Controller::with(&table, &analysis.coefficients).unwrap();
     let first = &paper.plan.points[0];
@@ -258,7 +255,7 @@ proptest! {
         } else {
             law()
         };
-        let analysis = analyse(&paper.plan, &paper.image, &law, &paper.limits).unwrap();
+        let analysis = analyse(&paper.plan, &paper.image, &law.into(), &paper.limits).unwrap();
         let table = Table::open(&paper.image).unwrap();
         let mut controller = Controller::with(&table, &analysis.coefficients).unwrap();
         let formats = analysis.formats();
@@ -298,8 +295,8 @@ fn measurements_beyond_a_format_are_held_at_its_end() {
 #[test]
 fn what_does_not_fit_is_refused_by_name() {
     let paper = &*PAPER;
-    let refusal = |law: &LawParameters, limits: &LimitParameters| {
-        analyse(&paper.plan, &paper.image, law, limits).unwrap_err()
+    let refusal = |law: &PaperParameters, limits: &LimitParameters| {
+        analyse(&paper.plan, &paper.image, &(*law).into(), limits).unwrap_err()
     };
     let wide = LimitParameters {
         torque_nm: [1e6, 1.0],
@@ -316,13 +313,13 @@ fn what_does_not_fit_is_refused_by_name() {
         ),
         "{error}"
     );
-    let slow = LawParameters {
+    let slow = PaperParameters {
         force_integral_per_s: 1e-5,
         ..law()
     };
     let error = refusal(&slow, &paper.limits);
     assert!(error.to_string().starts_with("K_IF_per_s = "), "{error}");
-    let steep = LawParameters {
+    let steep = PaperParameters {
         slope_rate_nms_rad: 1e4,
         ..law()
     };
@@ -333,7 +330,7 @@ fn what_does_not_fit_is_refused_by_name() {
     let mut formats = *paper.analysis.formats();
     formats.torque[0] = Exponent(2);
     let arm = &paper.plan.model.arm;
-    let tight = Coefficients::<Fixed>::new(arm, &law(), &paper.limits, 5000, &formats);
+    let tight = Coefficients::<Fixed>::new(arm, &law().into(), &paper.limits, 5000, &formats);
     assert_eq!(
         Controller::with(&table, &tight).unwrap_err(),
         Mismatch::Range { column: 0 }

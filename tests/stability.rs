@@ -3,7 +3,7 @@
 // Tests may compare with the platform's functions.
 #![allow(clippy::disallowed_methods)]
 
-use flexor::control::{Controller, ForceProjection, LawParameters, LimitParameters};
+use flexor::control::{Controller, ForceProjection, LimitParameters, PaperParameters};
 use flexor::model::{ArmParameters, Elbow};
 use flexor::table::Table;
 use flexor_sim::analysis::stability::StabilityError;
@@ -32,8 +32,8 @@ use flexor_sim::simulation::closed_loop::{Outcome, RunOptions, Simulation, measu
 use flexor_sim::simulation::start::{Start, plant_for};
 use flexor_tests::{paper_arm, paper_task, planned};
 
-fn default_law() -> LawParameters {
-    config::parse_controller("example", config::DEFAULT_CONTROLLER).unwrap()
+fn default_law() -> PaperParameters {
+    flexor_tests::paper_law()
 }
 
 fn planned_plant(plan: &Plan) -> PlantParameters {
@@ -233,13 +233,14 @@ fn standing(x: f64) -> Task {
 /// Whether a nonlinear simulation of `law`, knocked at its start, grows within `duration`
 /// s: the force error's envelope in the last quarter against that in the second. The
 /// tangential mode neither grows nor decays.
-fn grows(plan: &Plan, image: &[u8], law: &LawParameters, duration: f64) -> bool {
+fn grows(plan: &Plan, image: &[u8], law: &PaperParameters, duration: f64) -> bool {
     let limits = LimitParameters {
         torque_nm: [1e3; 2],
         torque_rate_nm_s: [1e9; 2],
     };
     let table = Table::open(image).unwrap();
-    let mut controller = Controller::<f64>::new(&table, &plan.model.arm, law, &limits).unwrap();
+    let mut controller =
+        Controller::<f64>::new(&table, &plan.model.arm, &(*law).into(), &limits).unwrap();
     let mut plant = plant_for(plan, &planned_plant(plan), Start::Equilibrium).unwrap();
     let mut state = plant.state().to_vec();
     let n = plan.model.dof();
@@ -267,15 +268,15 @@ fn grows(plan: &Plan, image: &[u8], law: &LawParameters, duration: f64) -> bool 
 }
 
 /// Rays of gain space: K_DF (s), K_PF, K_IF (1/s), K_w (N m s/rad) and the filters, Hz.
-fn rays() -> Vec<LawParameters> {
-    let law = |kd, kp, ki, kw, force, slope| LawParameters {
+fn rays() -> Vec<PaperParameters> {
+    let law = |kd, kp, ki, kw, force, slope| PaperParameters {
         force_derivative_s: kd,
         force_proportional: kp,
         force_integral_per_s: ki,
         slope_rate_nms_rad: kw,
         force_filter_hz: force,
         slope_rate_filter_hz: slope,
-        ..LawParameters::FEEDFORWARD
+        ..PaperParameters::FEEDFORWARD
     };
     vec![
         law(0.0, 1.0, 0.0, 0.0, None, None),
@@ -295,7 +296,7 @@ fn rays() -> Vec<LawParameters> {
 }
 
 /// The factor on `law`'s gains at which the predicted loop becomes unstable.
-fn predicted_edge(plan: &Plan, law: &LawParameters) -> f64 {
+fn predicted_edge(plan: &Plan, law: &PaperParameters) -> f64 {
     let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
     let frozen_points = path::frozen_points(plan, &variant, &path::times(plan, 2)).unwrap();
     let stable = |factor: f64| {
@@ -369,11 +370,11 @@ fn the_printed_s2_makes_the_integrator_unstable_at_the_paths_end() {
         (ForceProjection::JacobianTranspose, true),
     ] {
         for integral in [0.5, 2.0, 5.0] {
-            let law = LawParameters {
+            let law = PaperParameters {
                 force_integral_per_s: integral,
                 slope_rate_nms_rad: 0.05,
                 force_projection: projection,
-                ..LawParameters::FEEDFORWARD
+                ..PaperParameters::FEEDFORWARD
             };
             let report = Report::new(
                 &plan,
@@ -444,9 +445,9 @@ fn the_default_gains_keep_their_margins_over_path_and_spread() {
 }
 
 /// Force error rms and tip error rms of a simulation on the stiffness x 0.9 plant.
-fn simulated(plan: &Plan, image: &[u8], law: &LawParameters, start: Start) -> [f64; 2] {
+fn simulated(plan: &Plan, image: &[u8], law: &PaperParameters, start: Start) -> [f64; 2] {
     let options = RunOptions {
-        law: *law,
+        law: (*law).into(),
         limits: default_limits(plan),
         plant: cases::plant(plan.model.elements, 0.9),
         start,
@@ -460,8 +461,8 @@ fn simulated(plan: &Plan, image: &[u8], law: &LawParameters, start: Start) -> [f
 #[test]
 fn the_default_gains_divide_the_softer_arms_force_error_by_three() {
     let (plan, table) = planned(&paper_arm(), &paper_task());
-    let run = |law: &LawParameters| simulated(&plan, &table.image, law, Start::Equilibrium);
-    let without = run(&LawParameters::FEEDFORWARD);
+    let run = |law: &PaperParameters| simulated(&plan, &table.image, law, Start::Equilibrium);
+    let without = run(&PaperParameters::FEEDFORWARD);
     let with = run(&default_law());
     assert!(3.0 * with[0] <= without[0], "{with:?} against {without:?}");
     assert!(with[1] <= 2.0 * without[1], "{with:?} against {without:?}");
@@ -478,7 +479,7 @@ fn errors_are_predicted_as_they_are_simulated() {
     )
     .unwrap();
     let prediction = Prediction::new(&plan, "softer", &variant).unwrap();
-    for law in [LawParameters::FEEDFORWARD, default_law()] {
+    for law in [PaperParameters::FEEDFORWARD, default_law()] {
         let predicted = prediction.errors(&plan, &law);
         for (i, start) in [Start::Equilibrium, Start::PlanAtRest]
             .into_iter()
@@ -549,9 +550,9 @@ fn margins_are_where_the_loop_becomes_unstable() {
 #[test]
 fn gains_too_big_for_the_tick_are_told_with_mode_point_and_remedy() {
     // Without a filter the bare root bounds K_w T: 0.05 diverges at 1 ms, not at 0.2 ms.
-    let law = LawParameters {
+    let law = PaperParameters {
         slope_rate_nms_rad: 0.05,
-        ..LawParameters::FEEDFORWARD
+        ..PaperParameters::FEEDFORWARD
     };
     let slow = paper_plan(1000);
     let words = warning(&slow, &planned_plant(&slow), &law).unwrap();
@@ -601,11 +602,11 @@ fn the_printed_linearisation_misses_the_tangential_mode() {
     let plan = paper_plan(5000);
     let variant = PlantVariant::planned(&plan.model, plan.tick_rate_hz);
     let point = OperatingPoint::new(&plan, &mut plan.sampler(), &variant, 0.0).unwrap();
-    let law = LawParameters {
+    let law = PaperParameters {
         force_derivative_s: 1e-3,
         force_proportional: 0.1,
         force_integral_per_s: 2.0,
-        ..LawParameters::FEEDFORWARD
+        ..PaperParameters::FEEDFORWARD
     };
     let printed = Printed::at(&variant, &law, plan.normal_angle(), &point).unwrap();
     assert_eq!((printed.h1.nrows(), printed.h2.ncols()), (14, 14));
@@ -625,7 +626,7 @@ fn the_printed_linearisation_misses_the_tangential_mode() {
     );
     let without = Printed::at(
         &variant,
-        &LawParameters::FEEDFORWARD,
+        &PaperParameters::FEEDFORWARD,
         plan.normal_angle(),
         &point,
     );

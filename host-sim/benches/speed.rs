@@ -200,5 +200,6 @@ fn report_stability_over_50_points_and_27_plants(bencher: divan::Bencher<'_, '_>
     let law = config::parse_controller("example", config::DEFAULT_CONTROLLER).expect("valid");
     let spread = config::parse_spread("example", config::DEFAULT_SPREAD).expect("valid");
     let plant = cases::plant(3, 1.0);
-    bencher.bench(|| Report::new(&plan, &plant, &spread, &law, 50, &|| ()));
+    let law = law.paper().expect("the example is the paper's law");
+    bencher.bench(|| Report::new(&plan, &plant, &spread, law, 50, &|| ()));
 }

@@ -5,7 +5,7 @@
 //! cargo run -p flexor --example one_tick
 //! ```
 
-use flexor::control::{Command, Controller, LawParameters, LimitParameters};
+use flexor::control::{Command, Controller, LimitParameters, PaperParameters};
 use flexor::model::ArmParameters;
 use flexor::signals::{Measurement, Reference};
 use flexor::table::{Header, Piece, Table, TableError, TableWriter, image_bytes, scaling_for};
@@ -51,15 +51,15 @@ fn one_tick(force_n: f32) -> Result<Command<f32>, TableError> {
     let arm = ArmParameters::PAPER;
     let image = table_image(&arm)?;
     let table = Table::open(&image)?;
-    let law = LawParameters {
+    let law = PaperParameters {
         force_proportional: 0.5,
-        ..LawParameters::FEEDFORWARD
+        ..PaperParameters::FEEDFORWARD
     };
     let limits = LimitParameters {
         torque_nm: [20.0, 2.0],
         torque_rate_nm_s: [1e4, 1e3],
     };
-    let mut controller = Controller::<f32>::new(&table, &arm, &law, &limits)?;
+    let mut controller = Controller::<f32>::new(&table, &arm, &law.into(), &limits)?;
     let measured = Measurement {
         angle: PLANNED.angle.map(|angle| angle as f32),
         root_slope: PLANNED.root_slope as f32,

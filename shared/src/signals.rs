@@ -32,18 +32,21 @@ pub struct SaturationCounts<C> {
     pub force_correction: C,
     /// Deviation of the root slope rate.
     pub slope_rate: C,
+    /// Deviations of the motors' rates, and the integral of joint 1's, of the hybrid law.
+    pub motor: C,
     /// Torques before the limits.
     pub torque: [C; 2],
 }
 
 impl SaturationCounts<u32> {
     /// The signals' names and counts.
-    pub fn entries(&self) -> [(&'static str, u32); 6] {
+    pub fn entries(&self) -> [(&'static str, u32); 7] {
         [
             ("force", self.force),
             ("integral", self.integral),
             ("force_correction", self.force_correction),
             ("slope_rate", self.slope_rate),
+            ("motor", self.motor),
             ("torque1", self.torque[0]),
             ("torque2", self.torque[1]),
         ]
@@ -59,7 +62,7 @@ impl SaturationCounts<u32> {
 /// Columns of a table, in the order of [`Reference::from_columns`].
 pub const COLUMNS: usize = 8;
 
-/// What the control law reads of the plan at one tick.
+/// What the paper's control law reads of the plan at one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Setpoint<T> {
     /// Feedforward torques (tau1, tau2) to hold during the tick, N m.
@@ -70,6 +73,22 @@ pub struct Setpoint<T> {
     pub root_slope_rate: T,
     /// Direction of the surface normal, from a1 towards a2, rad; a tip that presses
     /// pushes along it. pi/2 is straight down.
+    pub normal_angle: T,
+}
+
+/// What the hybrid control law reads of the plan at one tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PoseSetpoint<T> {
+    /// Feedforward torques (tau1, tau2) to hold during the tick, N m.
+    pub torque: [T; 2],
+    /// Contact force along the surface normal, pressing positive, N.
+    pub force: T,
+    /// Angles (theta10, theta20), rad.
+    pub angle: [T; 2],
+    /// Slope of link 2 at its root against the chord, w'(0), rad; in fixed point an angle, as
+    /// those are.
+    pub root_slope: T,
+    /// Direction of the surface normal, from a1 towards a2, rad.
     pub normal_angle: T,
 }
 
@@ -116,13 +135,25 @@ impl<T: Copy> Reference<T> {
         }
     }
 
-    /// The part that the control law reads.
+    /// The part that the paper's control law reads.
     #[inline]
     pub const fn setpoint(&self) -> Setpoint<T> {
         Setpoint {
             torque: self.torque,
             force: self.force,
             root_slope_rate: self.root_slope_rate,
+            normal_angle: self.normal_angle,
+        }
+    }
+
+    /// The part that the hybrid control law reads.
+    #[inline]
+    pub const fn pose(&self) -> PoseSetpoint<T> {
+        PoseSetpoint {
+            torque: self.torque,
+            force: self.force,
+            angle: self.angle,
+            root_slope: self.root_slope,
             normal_angle: self.normal_angle,
         }
     }
@@ -184,20 +215,6 @@ pub struct Measurement<T> {
 }
 
 impl<T: SiScalar> Measurement<T> {
-    /// True when every number is finite.
-    pub fn is_finite(&self) -> bool {
-        T::all_finite([
-            self.angle[0],
-            self.angle[1],
-            self.root_slope,
-            self.root_slope_rate,
-            self.force,
-            self.motor[0],
-            self.motor[1],
-            self.root_moment,
-        ])
-    }
-
     /// The measurement in the tick's number type; saturates at the formats' ranges, and
     /// angles lose whole turns, in fixed point.
     pub fn from_si(si: &Measurement<f64>, formats: &Formats<T::Format>) -> Self {

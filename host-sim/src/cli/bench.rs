@@ -238,11 +238,7 @@ impl Bench {
                 ),
             ),
         ]);
-        let name = match (self.law.feedforward, self.law.has_feedback()) {
-            (true, true) => "proposed",
-            (true, false) => "feedforward",
-            _ => "feedback",
-        };
+        let name = law_name(&self.law);
         let place = pages::runs(&output, title, &[(name, "bench", plan, &run)], &all)?;
         output.commit()?;
         if json {
@@ -254,5 +250,17 @@ impl Bench {
             print(format_args!("\n{place}"))?;
         }
         Ok(figures)
+    }
+}
+
+/// What of which law acts, for a reader.
+fn law_name(law: &LawParameters) -> &'static str {
+    match law {
+        LawParameters::Hybrid(_) => "hybrid",
+        LawParameters::Paper(law) => match (law.feedforward, law.has_feedback()) {
+            (true, true) => "proposed",
+            (true, false) => "feedforward",
+            _ => "feedback",
+        },
     }
 }

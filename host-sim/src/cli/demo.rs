@@ -2,7 +2,7 @@
 
 use super::plan::Planned;
 use super::{
-    CliError, Common, Output, controller, gains, pages, print, print_facts, progress_bar, results,
+    CliError, Common, Output, gains, pages, paper_law, print, print_facts, progress_bar, results,
 };
 use crate::files::export;
 use crate::simulation::cases;
@@ -34,7 +34,7 @@ pub(super) fn demo(args: &DemoArgs) -> Result<(), CliError> {
     let inputs = inputs.into_iter().chain([args.controller.as_deref()]);
     let output = Output::open(&args.out, inputs)?;
     let (arm, task) = args.common.load()?;
-    let law = controller(args.controller.as_deref())?;
+    let law = paper_law("demo", args.controller.as_deref())?;
     if !law.feedforward {
         return Err(CliError::NoEffect {
             what: "feedforward = false in --controller",
@@ -49,6 +49,7 @@ pub(super) fn demo(args: &DemoArgs) -> Result<(), CliError> {
             .map_err(|error| CliError::Fast(error.into()))?,
     ];
     gains::warn(&planned[0].plan, &cases::plant(arm.elements, 1.0), &law);
+    let law = law.into();
     output.write("plan.csv", |w| export::plan_csv(&planned[0].plan, w))?;
     output.write("plan_fast.csv", |w| export::plan_csv(&planned[1].plan, w))?;
     output.write("table.bin", |w| w.write_all(&planned[0].table.image))?;

@@ -90,6 +90,11 @@ pub(super) enum CliError {
     Verdict(String),
     #[error("--map {gain} {gain}; accepted: two different gains")]
     Map { gain: String },
+    #[error("law = \"{law}\" is not known to `flexor {command}` yet; accepted: \"paper\"")]
+    PaperLawOnly {
+        command: &'static str,
+        law: &'static str,
+    },
     #[error("{what} has no effect {beside}")]
     NoEffect {
         what: &'static str,
@@ -168,6 +173,7 @@ impl CliError {
             | Self::At { .. }
             | Self::Map { .. }
             | Self::NoEffect { .. }
+            | Self::PaperLawOnly { .. }
             | Self::NoRun { .. }
             | Self::Bench(_)
             | Self::Campaign(_)

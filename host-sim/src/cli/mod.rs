@@ -34,7 +34,7 @@ use crate::files::config;
 use crate::files::config::{ArmConfig, BoardConfig};
 use crate::planner::task::Task;
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use flexor::control::LawParameters;
+use flexor::control::{LawParameters, PaperParameters};
 use std::ffi::OsString;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -193,6 +193,15 @@ impl Common {
             config::parse_board,
         )?)
     }
+}
+
+/// As [`controller`], for `command`, which knows the paper's law alone.
+fn paper_law(command: &'static str, file: Option<&Path>) -> Result<PaperParameters, CliError> {
+    let law = controller(file)?;
+    law.paper().copied().ok_or(CliError::PaperLawOnly {
+        command,
+        law: law.name(),
+    })
 }
 
 /// Gains and options of the law: the file's, or without one those of the examples.

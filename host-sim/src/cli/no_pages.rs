@@ -10,7 +10,7 @@ use crate::campaign::record::CampaignRecords;
 use crate::planner::plan::Plan;
 use crate::plant::PlantParameters;
 use crate::simulation::closed_loop::Run;
-use flexor::control::LawParameters;
+use flexor::control::PaperParameters;
 
 /// A case's name, the plant's, the plan and the run.
 pub(super) type CaseRun<'a> = (&'a str, &'a str, &'a Plan, &'a Run);
@@ -20,7 +20,7 @@ pub(super) type CaseRun<'a> = (&'a str, &'a str, &'a Plan, &'a Run);
 pub(super) struct GainsContent<'a> {
     pub(super) plan: &'a Plan,
     pub(super) plant: &'a PlantParameters,
-    pub(super) law: &'a LawParameters,
+    pub(super) law: &'a PaperParameters,
     pub(super) report: &'a Report,
     pub(super) map_of: [GainId; 2],
     pub(super) warnings: &'a [String],

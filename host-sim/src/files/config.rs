@@ -6,6 +6,7 @@
 mod arm;
 mod board;
 mod controller;
+mod hybrid;
 mod plant;
 mod ranges;
 #[cfg(feature = "campaign")]
@@ -13,6 +14,7 @@ mod scenario;
 #[cfg(feature = "stability")]
 mod spread;
 mod task;
+mod written;
 
 use self::ranges::{RANGES, accepted};
 use crate::text::{Shortest, one_line};
@@ -307,7 +309,8 @@ mod tests {
         let task = parse_task("task", DEFAULT_TASK).unwrap();
         assert_eq!((task.path.from, task.path.to), ([0.7, 0.05], [0.2, 0.05]));
         assert_eq!((task.path.duration, task.normal_force), (2.0, 2.0));
-        parse_controller("controller", DEFAULT_CONTROLLER).unwrap();
+        let law = parse_controller("controller", DEFAULT_CONTROLLER).unwrap();
+        assert_eq!(law.name(), "paper");
         let spread = parse_spread("spread", DEFAULT_SPREAD).unwrap();
         assert_eq!(spread.bending_stiffness_scale, [0.8, 1.0, 1.2]);
         assert!(spread.tick_rate_hz.is_empty() && spread.elements.is_empty());
@@ -457,8 +460,11 @@ mod tests {
     fn a_derivative_gain_has_a_filter() {
         let text = DEFAULT_CONTROLLER.replacen("K_DF_s = 0.0", "K_DF_s = 0.01", 1);
         let law = parse_controller("controller.toml", &text).unwrap();
-        assert_eq!(law.force_filter_hz, Some(DERIVATIVE_FILTER_HZ));
+        assert_eq!(
+            law.paper().unwrap().force_filter_hz,
+            Some(DERIVATIVE_FILTER_HZ)
+        );
         let law = parse_controller("controller.toml", DEFAULT_CONTROLLER).unwrap();
-        assert_eq!(law.force_filter_hz, None);
+        assert_eq!(law.paper().unwrap().force_filter_hz, None);
     }
 }

@@ -4,7 +4,7 @@
 use crate::planner::task::{Task, Window};
 use crate::plant::PlantParameters;
 use crate::simulation::start::Start;
-use flexor::control::LawParameters;
+use flexor::control::{LawParameters, PaperParameters};
 
 /// Which part of the control law acts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,18 +18,16 @@ pub enum Mode {
 }
 
 impl Mode {
-    /// `law` with only this part of it acting.
+    /// `law` with only this part of it acting. The hybrid law has no feedback alone: without the
+    /// planned torques it would not carry the arm's weight.
     pub fn of(self, law: &LawParameters) -> LawParameters {
-        match self {
-            Self::Feedforward => LawParameters::FEEDFORWARD,
-            Self::Feedback => LawParameters {
-                feedforward: false,
-                ..*law
-            },
-            Self::Proposed => LawParameters {
-                feedforward: true,
-                ..*law
-            },
+        match (self, law) {
+            (Self::Feedforward, _) => LawParameters::FEEDFORWARD,
+            (_, LawParameters::Hybrid(_)) => *law,
+            (_, LawParameters::Paper(paper)) => LawParameters::Paper(PaperParameters {
+                feedforward: self == Self::Proposed,
+                ..*paper
+            }),
         }
     }
 }

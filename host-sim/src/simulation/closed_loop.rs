@@ -323,7 +323,7 @@ impl<'a, T: TableScalar> Simulation<'a, T> {
                 force_reference: self.plan.task.normal_force,
                 torque: self.held,
                 saturation: command.saturation,
-                integral: T::of_sum(self.controller.state().integral).to_si(self.formats.force),
+                integral: T::of_sum(self.controller.force_integral()).to_si(self.formats.force),
             },
         }))
     }

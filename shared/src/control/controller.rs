@@ -7,8 +7,11 @@
 //! A [`Fault`] is latched: from then on the torques are zero until
 //! [`Controller::restart`].
 
-use crate::control::law::{Law, LawParameters, LawState};
+use crate::control::feedback::FeedbackLaw;
+use crate::control::hybrid::{HybridLaw, HybridState};
+use crate::control::law::{Law, LawParameters};
 use crate::control::limiter::{LimitParameters, TorqueLimiter};
+use crate::control::paper::{PaperLaw, PaperState};
 use crate::fault::Fault;
 use crate::model::ArmParameters;
 use crate::number::{SiScalar, TableScalar};
@@ -112,14 +115,67 @@ impl fmt::Display for Mismatch {
 
 impl core::error::Error for Mismatch {}
 
+/// The law that acts, and what it remembers.
+#[derive(Clone, Debug)]
+enum Feedback<T: TableScalar> {
+    Paper(PaperLaw<T>, PaperState<T::Sum>),
+    Hybrid(HybridLaw<T>, HybridState<T>),
+}
+
+impl<T: TableScalar> Feedback<T> {
+    /// The law with nothing remembered.
+    fn new(law: Law<T>) -> Self {
+        match law {
+            Law::Paper(law) => Self::Paper(law, PaperState::default()),
+            Law::Hybrid(law) => Self::Hybrid(law, HybridState::default()),
+        }
+    }
+}
+
+/// What a law's torques pass on their way to the drives.
+struct Gate<'c, T: TableScalar> {
+    limiter: &'c TorqueLimiter<T>,
+    /// Torques of the tick before, if there was one.
+    previous: Option<[T; 2]>,
+}
+
+impl<T: TableScalar> Gate<'_, T> {
+    /// One law's tick: the torques within the limits, and how they were limited.
+    ///
+    /// # Errors
+    /// The fault for which there must be no torque.
+    #[inline]
+    fn tick<L: FeedbackLaw<T>>(
+        &self,
+        law: &L,
+        state: &mut L::State,
+        setpoint: &L::Setpoint,
+        measured: &Measurement<T>,
+        saturations: &mut SaturationCounts<T::SaturationCount>,
+    ) -> Result<([T; 2], [Saturation; 2]), Fault> {
+        if !L::reads_finite(measured) {
+            return Err(Fault::MeasurementNotFinite);
+        }
+        let demand = law.update(state, setpoint, measured, saturations);
+        let torque = L::torque(&demand);
+        let free = [Saturation::None; 2];
+        if measured.drive == free && self.limiter.permits(self.previous, torque) {
+            return Ok((torque, free));
+        }
+        let (torque, saturation) = self.limiter.limit(self.previous, torque)?;
+        let any = [0, 1].map(|joint| saturation[joint].or(measured.drive[joint]));
+        law.anti_windup(state, &demand, any);
+        Ok((torque, saturation))
+    }
+}
+
 /// The controller: coefficients, table cursor and state.
 #[derive(Clone, Debug)]
 pub struct Controller<'a, T: TableScalar> {
-    law: Law<T>,
+    feedback: Feedback<T>,
     limiter: TorqueLimiter<T>,
     table: Table<'a>,
     cursor: Cursor<'a, T>,
-    state: LawState<T::Sum>,
     /// Torques of the tick before; of no meaning at the first.
     previous: [T; 2],
     fault: Option<Fault>,
@@ -140,7 +196,7 @@ impl<'a, T: TableScalar<Format = ()>> Controller<'a, T> {
     ) -> Result<Self, TableError> {
         table.check_arm(arm.fingerprint())?;
         let rate = table.header().tick_rate_hz;
-        let law = Law::new(law, arm, rate);
+        let law = Law::in_formats(law, arm, rate, &Formats::default());
         let limiter = TorqueLimiter::new(limits, rate);
         Ok(Self::starting(law, limiter, table, table.cursor()))
     }
@@ -174,12 +230,15 @@ impl<'a, T: TableScalar> Controller<'a, T> {
         table: &Table<'a>,
         cursor: Cursor<'a, T>,
     ) -> Self {
+        let cursor = match law {
+            Law::Paper(_) => cursor,
+            Law::Hybrid(_) => cursor.with_pose(table),
+        };
         Self {
-            law,
+            feedback: Feedback::new(law),
             limiter,
             table: *table,
             cursor,
-            state: LawState::default(),
             previous: [T::ZERO; 2],
             fault: None,
             saturations: SaturationCounts::default(),
@@ -189,7 +248,10 @@ impl<'a, T: TableScalar> Controller<'a, T> {
     /// Back to the table's first tick, with nothing remembered, no fault and no saturation.
     pub fn restart(&mut self) {
         self.cursor.restart(&self.table);
-        self.state = LawState::default();
+        match &mut self.feedback {
+            Feedback::Paper(_, state) => *state = PaperState::default(),
+            Feedback::Hybrid(_, state) => *state = HybridState::default(),
+        }
         self.previous = [T::ZERO; 2];
         self.fault = None;
         self.saturations = SaturationCounts::default();
@@ -206,9 +268,12 @@ impl<'a, T: TableScalar> Controller<'a, T> {
         self.cursor.at_end()
     }
 
-    /// What the law remembers; for logs.
-    pub fn state(&self) -> &LawState<T::Sum> {
-        &self.state
+    /// What the law's force integral holds, N; for logs.
+    pub fn force_integral(&self) -> T::Sum {
+        match &self.feedback {
+            Feedback::Paper(_, state) => state.integral,
+            Feedback::Hybrid(_, state) => state.force_integral,
+        }
     }
 
     /// How often each signal has saturated since the start.
@@ -220,28 +285,25 @@ impl<'a, T: TableScalar> Controller<'a, T> {
     #[inline]
     pub fn tick(&mut self, measured: &Measurement<T>) -> Command<T> {
         let tick = self.cursor.tick();
-        if self.fault.is_none() && !measured.is_finite() {
-            self.fault = Some(Fault::MeasurementNotFinite);
-        }
         let mut torque = [T::ZERO; 2];
         let mut saturation = [Saturation::None; 2];
         if self.fault.is_none() {
-            let setpoint = self.cursor.setpoint();
-            let demand =
-                self.law
-                    .update(&mut self.state, &setpoint, measured, &mut self.saturations);
-            let previous = (tick > 0).then_some(self.previous);
-            if measured.drive == saturation && self.limiter.permits(previous, demand.torque) {
-                torque = demand.torque;
-            } else {
-                match self.limiter.limit(previous, demand.torque) {
-                    Ok(limited) => {
-                        (torque, saturation) = limited;
-                        let any = [0, 1].map(|joint| saturation[joint].or(measured.drive[joint]));
-                        self.law.anti_windup(&mut self.state, &demand, any);
-                    }
-                    Err(fault) => self.fault = Some(fault),
+            let gate = Gate {
+                limiter: &self.limiter,
+                previous: (tick > 0).then_some(self.previous),
+            };
+            let counts = &mut self.saturations;
+            let given = match &mut self.feedback {
+                Feedback::Paper(law, state) => {
+                    gate.tick(law, state, &self.cursor.setpoint(), measured, counts)
                 }
+                Feedback::Hybrid(law, state) => {
+                    gate.tick(law, state, &self.cursor.pose(), measured, counts)
+                }
+            };
+            match given {
+                Ok(given) => (torque, saturation) = given,
+                Err(fault) => self.fault = Some(fault),
             }
         }
         self.previous = torque;

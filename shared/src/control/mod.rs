@@ -2,16 +2,29 @@
 //!
 //! | file | responsible for |
 //! |---|---|
-//! | `law` | the control law (eq. 18-20) |
+//! | `law` | which law acts |
+//! | `feedback` | what the controller wants of a law |
+//! | `paper` | the paper's law (eq. 18-20) |
+//! | `hybrid` | the hybrid law: joint 1 holds the place, joint 2 makes the force |
+//! | `filter` | the low-pass of both |
 //! | `limiter` | torque limits and the finite check behind everything |
 //! | `controller` | the one `tick` that joins cursor, law and limiter |
 
 mod controller;
+mod feedback;
+mod filter;
+mod hybrid;
+#[cfg(test)]
+mod hybrid_tests;
 mod law;
 mod limiter;
+mod paper;
 
 pub use controller::{Coefficients, Command, Controller, Mismatch};
-pub use law::{
-    Coefficient, ForceProjection, Law, LawParameters, LawState, SlopeRateFeedback, TorqueDemand,
-};
+pub use feedback::Coefficient;
+pub use hybrid::{HybridDemand, HybridLaw, HybridParameters, HybridState};
+pub use law::{Law, LawParameters};
 pub use limiter::{LimitParameters, TorqueLimiter};
+pub use paper::{
+    ForceProjection, PaperDemand, PaperLaw, PaperParameters, PaperState, SlopeRateFeedback,
+};

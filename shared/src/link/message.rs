@@ -30,13 +30,16 @@
 //! A [`Measurement`] is 34 bytes: angle 2 x f32, root slope f32, root slope rate f32, force
 //! f32, motor angle 2 x f32, root moment f32, drive 2 x ([`Saturation`](crate::signals::Saturation): 0 none, 1 upper, 2 lower).
 //!
-//! A [`Setup`] is 158 bytes, or 8 more for each filter corner that is given: arm 11 x
-//! f64 and elbow (0 down, 1 up); law: `K_DF`, `K_PF`, `K_IF`, `K_w` f64, force filter
-//! option of f64, slope rate filter option of f64, force projection as printed bool (else
-//! the Jacobian's transpose), slope rate feedback as printed bool (else of the deviation),
-//! feedforward bool; limits: torque 2 x f64, torque rate 2 x f64. All SI, in the order of
+//! A [`Setup`] is the arm, 11 x f64 and elbow (0 down, 1 up); the law; and the limits, torque
+//! 2 x f64, torque rate 2 x f64. All SI, in the order of
 //! [`ArmParameters`](crate::model::ArmParameters), [`LawSetup`](crate::link::LawSetup) and
-//! [`LimitSetup`](crate::link::LimitSetup).
+//! [`LimitSetup`](crate::link::LimitSetup). It has 159 bytes with the paper's law, 8 more for each
+//! filter corner that is given, and 190 with the hybrid law.
+//!
+//! | law | bytes |
+//! |---|---|
+//! | paper | `00`, `K_DF`, `K_PF`, `K_IF`, `K_w` f64, force filter option of f64, slope rate filter option of f64, force projection as printed bool (else the Jacobian's transpose), slope rate feedback as printed bool (else of the deviation), feedforward bool |
+//! | hybrid | `01`, f32 each: joint stiffness 2, joint damping 2, rate filter 2, joint 1's integral, its limit, force integral, torque loop, torque correction's limit, section: frequency, damping, from the angle 2, from the force 2 |
 //!
 //! | reply | bytes |
 //! |---|---|
@@ -298,7 +301,7 @@ mod tests {
         assert_eq!(feed(&mut Receiver::new(), &frame(&start)), [start]);
         let mut buffer = [0; 256];
         let bytes = SETUP.encode(&mut buffer).unwrap();
-        assert_eq!(bytes.len(), 158 + 16 + 4);
+        assert_eq!(bytes.len(), 159 + 16 + 4);
         assert_eq!(Setup::decode(bytes), Some(SETUP));
         let status = Reply::Status(Status {
             mode: Mode::LockStep,

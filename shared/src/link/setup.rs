@@ -20,9 +20,47 @@ pub struct Setup {
     pub limits: LimitSetup,
 }
 
-/// Gains and options of the control law (eq. 18-20), SI.
+/// Which control law, and its gains, SI.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct LawSetup {
+pub enum LawSetup {
+    /// The paper's.
+    Paper(PaperSetup),
+    /// The hybrid law.
+    Hybrid(HybridSetup),
+}
+
+/// Gains of the hybrid law, SI; f32, so that the setup fits a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct HybridSetup {
+    /// K1 and k2, N m/rad.
+    pub joint_stiffness_nm_rad: [f32; 2],
+    /// B1 and B2, N m s/rad.
+    pub joint_damping_nms_rad: [f32; 2],
+    /// Corners of the filters on the joints' rates, Hz.
+    pub rate_filter_hz: [f32; 2],
+    /// Ki1, N m/(rad s).
+    pub joint1_integral_nm_rads: f32,
+    /// Largest torque of joint 1's integral, N m.
+    pub joint1_integral_limit_nm: f32,
+    /// K_IF, 1/s.
+    pub force_integral_per_s: f32,
+    /// K_T, 1/s.
+    pub torque_loop_per_s: f32,
+    /// Largest correction by the torque loop, N m.
+    pub torque_correction_limit_nm: f32,
+    /// w, rad/s.
+    pub section_frequency_rad_s: f32,
+    /// z.
+    pub section_damping: f32,
+    /// g, N m/rad.
+    pub section_angle_nm_rad: [f32; 2],
+    /// h.
+    pub section_force: [f32; 2],
+}
+
+/// Gains and options of the paper's control law (eq. 18-20), SI.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PaperSetup {
     /// K_DF, gain on the force error's derivative, s.
     pub force_derivative_s: f64,
     /// K_PF, gain on the force error, dimensionless.
@@ -95,7 +133,7 @@ mod tests {
                 gravity_m_s2: [10.0, 11.0],
                 elbow: Elbow::Up,
             },
-            law: LawSetup {
+            law: LawSetup::Paper(PaperSetup {
                 force_derivative_s: 12.0,
                 force_proportional: 13.0,
                 force_integral_per_s: 14.0,
@@ -105,7 +143,7 @@ mod tests {
                 force_projection_as_printed: true,
                 slope_rate_feedback_as_printed: false,
                 feedforward: true,
-            },
+            }),
             limits: LimitSetup {
                 torque_nm: [17.0, 18.0],
                 torque_rate_nm_s: [19.0, 20.0],
@@ -114,7 +152,7 @@ mod tests {
         let numbers =
             |range: core::ops::RangeInclusive<u32>| range.flat_map(|x| f64::from(x).to_le_bytes());
         let mut expected: Vec<u8> = numbers(1..=11).collect();
-        expected.push(1); // elbow up
+        expected.extend([1, 0]); // elbow up; the paper's law
         expected.extend(numbers(12..=15));
         expected.extend([0, 1]); // no force filter; a slope rate filter
         expected.extend(numbers(16..=16));
@@ -125,6 +163,31 @@ mod tests {
         let (body, crc) = bytes.split_last_chunk().unwrap();
         assert_eq!(body, expected);
         assert_eq!(CRC32.checksum(body), u32::from_le_bytes(*crc));
+    }
+
+    #[test]
+    fn the_hybrid_laws_bytes_are_its_gains_in_their_documented_order() {
+        let law = LawSetup::Hybrid(HybridSetup {
+            joint_stiffness_nm_rad: [1.0, 2.0],
+            joint_damping_nms_rad: [3.0, 4.0],
+            rate_filter_hz: [5.0, 6.0],
+            joint1_integral_nm_rads: 7.0,
+            joint1_integral_limit_nm: 8.0,
+            force_integral_per_s: 9.0,
+            torque_loop_per_s: 10.0,
+            torque_correction_limit_nm: 11.0,
+            section_frequency_rad_s: 12.0,
+            section_damping: 13.0,
+            section_angle_nm_rad: [14.0, 15.0],
+            section_force: [16.0, 17.0],
+        });
+        let mut buffer = [0; 256];
+        let bytes = Setup { law, ..SETUP }.encode(&mut buffer).unwrap().to_vec();
+        let mut expected = std::vec![1_u8];
+        expected.extend((1..=17_u8).flat_map(|x| f32::from(x).to_le_bytes()));
+        assert_eq!(bytes.len(), 190 + 4);
+        assert_eq!(bytes[89..158], expected);
+        assert_eq!(Setup::decode(&bytes), Some(Setup { law, ..SETUP }));
     }
 
     #[test]

@@ -4,17 +4,18 @@ extern crate std;
 
 use crate::CRC32;
 use crate::link::{
-    FRAME_MAX, FrameErrors, LawSetup, LimitSetup, Receiver, Reply, Request, Setup, encode,
+    FRAME_MAX, FrameErrors, LawSetup, LimitSetup, PaperSetup, Receiver, Reply, Request, Setup,
+    encode,
 };
 use crate::model::ArmParameters;
 use crate::table::TableIdentity;
 use serde::Serialize;
 use std::vec::Vec;
 
-/// A setup of the longest kind.
+/// A setup of the paper's law, with every filter.
 pub(super) const SETUP: Setup = Setup {
     arm: ArmParameters::PAPER,
-    law: LawSetup {
+    law: LawSetup::Paper(PaperSetup {
         force_derivative_s: 0.0,
         force_proportional: 0.0,
         force_integral_per_s: 0.0,
@@ -24,7 +25,7 @@ pub(super) const SETUP: Setup = Setup {
         force_projection_as_printed: false,
         slope_rate_feedback_as_printed: false,
         feedforward: true,
-    },
+    }),
     limits: LimitSetup {
         torque_nm: [20.0, 2.0],
         torque_rate_nm_s: [1e3, 1e2],

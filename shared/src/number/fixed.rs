@@ -345,6 +345,10 @@ impl SiScalar for Fixed {
         ShiftedGain::new(value * from.range() / to.range())
     }
 
+    fn angle_gain(value: f64, to: Exponent) -> ShiftedGain {
+        ShiftedGain::new(value * core::f64::consts::PI / to.range())
+    }
+
     fn gain_value(gain: ShiftedGain, from: Exponent, to: Exponent) -> f64 {
         gain.ratio() * to.range() / from.range()
     }

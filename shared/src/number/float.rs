@@ -149,6 +149,10 @@ macro_rules! float {
                 <Self as Real>::from_f64(value)
             }
 
+            fn angle_gain(value: f64, (): ()) -> Self {
+                <Self as Real>::from_f64(value)
+            }
+
             fn gain_value(gain: Self, (): (), (): ()) -> f64 {
                 <Self as Real>::to_f64(gain)
             }

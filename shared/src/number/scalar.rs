@@ -179,6 +179,9 @@ pub trait SiScalar: Scalar {
 
     /// The constant `value` that takes a signal of format `from` into `to`.
     fn gain(value: f64, from: Self::Format, to: Self::Format) -> Self::Gain;
+    /// The constant `value`, in the unit of a signal of format `to` a radian, that takes an angle
+    /// into that signal.
+    fn angle_gain(value: f64, to: Self::Format) -> Self::Gain;
     /// What the gain is after rounding.
     fn gain_value(gain: Self::Gain, from: Self::Format, to: Self::Format) -> f64;
     /// The filter coefficient nearest to `value`, at least 0 and below 1.

@@ -4,9 +4,10 @@
 //! between them are here, where host and firmware both reach them.
 
 use crate::control::{
-    Controller, ForceProjection, LawParameters, LimitParameters, SlopeRateFeedback,
+    Controller, ForceProjection, HybridParameters, LawParameters, LimitParameters, PaperParameters,
+    SlopeRateFeedback,
 };
-use crate::link::{LawSetup, LimitSetup, Setup};
+use crate::link::{HybridSetup, LawSetup, LimitSetup, PaperSetup, Setup};
 use crate::model::ArmParameters;
 use crate::table::{Table, TableError};
 
@@ -36,24 +37,9 @@ impl From<&Setup> for ControllerParameters {
         let Setup { arm, law, limits } = *setup;
         Self {
             arm,
-            law: LawParameters {
-                force_derivative_s: law.force_derivative_s,
-                force_proportional: law.force_proportional,
-                force_integral_per_s: law.force_integral_per_s,
-                slope_rate_nms_rad: law.slope_rate_nms_rad,
-                force_filter_hz: law.force_filter_hz,
-                slope_rate_filter_hz: law.slope_rate_filter_hz,
-                force_projection: if law.force_projection_as_printed {
-                    ForceProjection::AsPrinted
-                } else {
-                    ForceProjection::JacobianTranspose
-                },
-                slope_rate_feedback: if law.slope_rate_feedback_as_printed {
-                    SlopeRateFeedback::AsPrinted
-                } else {
-                    SlopeRateFeedback::Deviation
-                },
-                feedforward: law.feedforward,
+            law: match law {
+                LawSetup::Paper(paper) => LawParameters::Paper(paper.into()),
+                LawSetup::Hybrid(hybrid) => LawParameters::Hybrid(hybrid.into()),
             },
             limits: LimitParameters {
                 torque_nm: limits.torque_nm,
@@ -68,22 +54,9 @@ impl From<&ControllerParameters> for Setup {
         let ControllerParameters { arm, law, limits } = *parameters;
         Self {
             arm,
-            law: LawSetup {
-                force_derivative_s: law.force_derivative_s,
-                force_proportional: law.force_proportional,
-                force_integral_per_s: law.force_integral_per_s,
-                slope_rate_nms_rad: law.slope_rate_nms_rad,
-                force_filter_hz: law.force_filter_hz,
-                slope_rate_filter_hz: law.slope_rate_filter_hz,
-                force_projection_as_printed: match law.force_projection {
-                    ForceProjection::JacobianTranspose => false,
-                    ForceProjection::AsPrinted => true,
-                },
-                slope_rate_feedback_as_printed: match law.slope_rate_feedback {
-                    SlopeRateFeedback::Deviation => false,
-                    SlopeRateFeedback::AsPrinted => true,
-                },
-                feedforward: law.feedforward,
+            law: match law {
+                LawParameters::Paper(paper) => LawSetup::Paper(paper.into()),
+                LawParameters::Hybrid(hybrid) => LawSetup::Hybrid(hybrid.into()),
             },
             limits: LimitSetup {
                 torque_nm: limits.torque_nm,
@@ -93,9 +66,96 @@ impl From<&ControllerParameters> for Setup {
     }
 }
 
+impl From<PaperSetup> for PaperParameters {
+    fn from(law: PaperSetup) -> Self {
+        Self {
+            force_derivative_s: law.force_derivative_s,
+            force_proportional: law.force_proportional,
+            force_integral_per_s: law.force_integral_per_s,
+            slope_rate_nms_rad: law.slope_rate_nms_rad,
+            force_filter_hz: law.force_filter_hz,
+            slope_rate_filter_hz: law.slope_rate_filter_hz,
+            force_projection: if law.force_projection_as_printed {
+                ForceProjection::AsPrinted
+            } else {
+                ForceProjection::JacobianTranspose
+            },
+            slope_rate_feedback: if law.slope_rate_feedback_as_printed {
+                SlopeRateFeedback::AsPrinted
+            } else {
+                SlopeRateFeedback::Deviation
+            },
+            feedforward: law.feedforward,
+        }
+    }
+}
+
+impl From<PaperParameters> for PaperSetup {
+    fn from(law: PaperParameters) -> Self {
+        Self {
+            force_derivative_s: law.force_derivative_s,
+            force_proportional: law.force_proportional,
+            force_integral_per_s: law.force_integral_per_s,
+            slope_rate_nms_rad: law.slope_rate_nms_rad,
+            force_filter_hz: law.force_filter_hz,
+            slope_rate_filter_hz: law.slope_rate_filter_hz,
+            force_projection_as_printed: match law.force_projection {
+                ForceProjection::JacobianTranspose => false,
+                ForceProjection::AsPrinted => true,
+            },
+            slope_rate_feedback_as_printed: match law.slope_rate_feedback {
+                SlopeRateFeedback::Deviation => false,
+                SlopeRateFeedback::AsPrinted => true,
+            },
+            feedforward: law.feedforward,
+        }
+    }
+}
+
+impl From<HybridSetup> for HybridParameters {
+    fn from(hybrid: HybridSetup) -> Self {
+        Self {
+            joint_stiffness_nm_rad: hybrid.joint_stiffness_nm_rad.map(f64::from),
+            joint_damping_nms_rad: hybrid.joint_damping_nms_rad.map(f64::from),
+            rate_filter_hz: hybrid.rate_filter_hz.map(f64::from),
+            joint1_integral_nm_rads: hybrid.joint1_integral_nm_rads.into(),
+            joint1_integral_limit_nm: hybrid.joint1_integral_limit_nm.into(),
+            force_integral_per_s: hybrid.force_integral_per_s.into(),
+            torque_loop_per_s: hybrid.torque_loop_per_s.into(),
+            torque_correction_limit_nm: hybrid.torque_correction_limit_nm.into(),
+            section_frequency_rad_s: hybrid.section_frequency_rad_s.into(),
+            section_damping: hybrid.section_damping.into(),
+            section_angle_nm_rad: hybrid.section_angle_nm_rad.map(f64::from),
+            section_force: hybrid.section_force.map(f64::from),
+        }
+    }
+}
+
+/// To the nearest f32, from which the law is made on either side.
+impl From<HybridParameters> for HybridSetup {
+    fn from(hybrid: HybridParameters) -> Self {
+        Self {
+            joint_stiffness_nm_rad: hybrid.joint_stiffness_nm_rad.map(|x| x as f32),
+            joint_damping_nms_rad: hybrid.joint_damping_nms_rad.map(|x| x as f32),
+            rate_filter_hz: hybrid.rate_filter_hz.map(|x| x as f32),
+            joint1_integral_nm_rads: hybrid.joint1_integral_nm_rads as f32,
+            joint1_integral_limit_nm: hybrid.joint1_integral_limit_nm as f32,
+            force_integral_per_s: hybrid.force_integral_per_s as f32,
+            torque_loop_per_s: hybrid.torque_loop_per_s as f32,
+            torque_correction_limit_nm: hybrid.torque_correction_limit_nm as f32,
+            section_frequency_rad_s: hybrid.section_frequency_rad_s as f32,
+            section_damping: hybrid.section_damping as f32,
+            section_angle_nm_rad: hybrid.section_angle_nm_rad.map(|x| x as f32),
+            section_force: hybrid.section_force.map(|x| x as f32),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::control::HybridLaw;
+    use crate::number::SiScalar;
     use proptest::prelude::*;
 
     proptest! {
@@ -109,7 +169,7 @@ mod tests {
             limits in prop::array::uniform4(0.0..1e3_f64),
         ) {
             let [projection, feedback, feedforward] = options;
-            let law = LawParameters {
+            let law = PaperParameters {
                 force_derivative_s: gains[0],
                 force_proportional: gains[1],
                 force_integral_per_s: gains[2],
@@ -130,25 +190,51 @@ mod tests {
             };
             let parameters = ControllerParameters {
                 arm: ArmParameters::PAPER,
-                law,
+                law: law.into(),
                 limits: LimitParameters {
                     torque_nm: [limits[0], limits[1]],
                     torque_rate_nm_s: [limits[2], limits[3]],
                 },
             };
             let setup = Setup::from(&parameters);
-            prop_assert_eq!(setup.law.force_derivative_s, gains[0]);
-            prop_assert_eq!(setup.law.force_proportional, gains[1]);
-            prop_assert_eq!(setup.law.force_integral_per_s, gains[2]);
-            prop_assert_eq!(setup.law.slope_rate_nms_rad, gains[3]);
-            prop_assert_eq!(setup.law.force_filter_hz, filters[0]);
-            prop_assert_eq!(setup.law.slope_rate_filter_hz, filters[1]);
-            prop_assert_eq!(setup.law.force_projection_as_printed, projection);
-            prop_assert_eq!(setup.law.slope_rate_feedback_as_printed, feedback);
-            prop_assert_eq!(setup.law.feedforward, feedforward);
+            let LawSetup::Paper(sent) = setup.law else {
+                return Err(TestCaseError::fail("another law"));
+            };
+            prop_assert_eq!(sent.force_derivative_s, gains[0]);
+            prop_assert_eq!(sent.force_proportional, gains[1]);
+            prop_assert_eq!(sent.force_integral_per_s, gains[2]);
+            prop_assert_eq!(sent.slope_rate_nms_rad, gains[3]);
+            prop_assert_eq!(sent.force_filter_hz, filters[0]);
+            prop_assert_eq!(sent.slope_rate_filter_hz, filters[1]);
+            prop_assert_eq!(sent.force_projection_as_printed, projection);
+            prop_assert_eq!(sent.slope_rate_feedback_as_printed, feedback);
+            prop_assert_eq!(sent.feedforward, feedforward);
             prop_assert_eq!(setup.limits.torque_nm, [limits[0], limits[1]]);
             prop_assert_eq!(setup.limits.torque_rate_nm_s, [limits[2], limits[3]]);
             prop_assert_eq!(ControllerParameters::from(&setup), parameters);
         }
+    }
+    /// Host and board make one law, bit for bit, though the gains travel in f32.
+    #[test]
+    fn a_board_makes_the_hybrid_law_that_the_host_makes() {
+        let gains = HybridParameters::PAPER_ARM_HUB;
+        let parameters = ControllerParameters {
+            arm: ArmParameters::PAPER,
+            law: gains.into(),
+            limits: LimitParameters {
+                torque_nm: [20.0, 2.0],
+                torque_rate_nm_s: [1e3, 1e3],
+            },
+        };
+        let received = ControllerParameters::from(&Setup::from(&parameters));
+        assert_ne!(received, parameters, "0.0307 is no f32");
+        let LawParameters::Hybrid(received) = received.law else {
+            panic!("another law");
+        };
+        fn law<T: SiScalar<Format = ()>>(gains: &HybridParameters) -> HybridLaw<T> {
+            HybridLaw::new(gains, &ArmParameters::PAPER, 5000)
+        }
+        assert_eq!(law::<f64>(&received), law::<f64>(&gains));
+        assert_eq!(law::<f32>(&received), law::<f32>(&gains));
     }
 }

@@ -3,10 +3,10 @@
 use super::format::{Piece, Table};
 use super::layout::{PIECE_BYTES, ROW_BYTES};
 use crate::number::{Constant, Scalar, TableScalar};
-use crate::signals::{COLUMNS, Formats, Reference, Setpoint};
+use crate::signals::{COLUMNS, Formats, PoseSetpoint, Reference, Setpoint};
 
-/// Table columns of the values that the control law reads.
-const SETPOINT: Setpoint<usize> = Reference::from_columns([0, 1, 2, 3, 4, 5, 6, 7]).setpoint();
+/// Table columns of all values.
+const COLUMN: Reference<usize> = Reference::from_columns([0, 1, 2, 3, 4, 5, 6, 7]);
 
 /// Streams a table: one [`Setpoint`] a tick, in bounded time and memory.
 #[derive(Clone, Debug)]
@@ -26,8 +26,10 @@ pub struct Cursor<'a, T: TableScalar> {
     phase: u32,
     /// One such unit.
     phase_unit: T::Reciprocal,
+    /// Whether the law reads the pose, and not the root slope's rate.
+    pose: bool,
     /// The columns that the law reads, in the current segment.
-    segment: Setpoint<Cubic<T>>,
+    segment: Reference<Cubic<T>>,
 }
 
 impl<'a> Table<'a> {
@@ -61,6 +63,8 @@ impl<'a> Table<'a> {
             normal_angle: angle(7)?,
         };
         let column_scale = column_scale.columns();
+        // For a law that wants it as an angle: see `Cursor::with_pose`.
+        angle(COLUMN.root_slope)?;
         Ok(self.cursor_with(column_scale))
     }
 
@@ -81,7 +85,8 @@ impl<'a> Table<'a> {
             segments_left: 0,
             phase: 0,
             phase_unit: T::reciprocal_of(1),
-            segment: Setpoint::default(),
+            pose: false,
+            segment: Reference::default(),
         };
         cursor.restart(self);
         cursor
@@ -96,6 +101,19 @@ impl<'a, T: TableScalar> Cursor<'a, T> {
         self.ticks = table.header.ticks;
         self.tick = 0;
         self.enter();
+    }
+
+    /// The same, to be asked for [`pose`](Self::pose) instead of [`setpoint`](Self::setpoint);
+    /// `table` is the one that it was made from. The root slope is an angle from now on.
+    #[must_use]
+    pub fn with_pose(mut self, table: &Table<'a>) -> Self {
+        self.pose = true;
+        // There is none but where cursor_in() has refused the table.
+        if let Some(scale) = T::angle_column_scale(table.header.scaling[COLUMN.root_slope]) {
+            self.column_scale[COLUMN.root_slope] = scale;
+        }
+        self.restart(table);
+        self
     }
 
     /// Tick that [`setpoint`](Self::setpoint) is for, from 0 to the table's `ticks`.
@@ -126,11 +144,16 @@ impl<'a, T: TableScalar> Cursor<'a, T> {
         // open() has made sure that every piece has its rows, so there are four here.
         if let Some(rows) = self.rows.first_chunk() {
             let cubic = |column: usize| Cubic::of(rows, column, self.column_scale[column]);
-            self.segment.torque[0] = cubic(SETPOINT.torque[0]);
-            self.segment.torque[1] = cubic(SETPOINT.torque[1]);
-            self.segment.force = cubic(SETPOINT.force);
-            self.segment.root_slope_rate = cubic(SETPOINT.root_slope_rate);
-            self.segment.normal_angle = cubic(SETPOINT.normal_angle);
+            self.segment.torque[0] = cubic(COLUMN.torque[0]);
+            self.segment.torque[1] = cubic(COLUMN.torque[1]);
+            self.segment.force = cubic(COLUMN.force);
+            self.segment.normal_angle = cubic(COLUMN.normal_angle);
+            if self.pose {
+                self.segment.angle = COLUMN.angle.map(cubic);
+                self.segment.root_slope = cubic(COLUMN.root_slope);
+            } else {
+                self.segment.root_slope_rate = cubic(COLUMN.root_slope_rate);
+            }
         }
     }
 
@@ -167,24 +190,41 @@ impl<'a, T: TableScalar> Cursor<'a, T> {
         // Else the very last segment is closed: its phase is the whole.
     }
 
-    /// What the control law reads of the plan at the current tick.
+    /// A column's value at the current tick.
+    #[inline]
+    fn value(&self, cubic: &Cubic<T>, column: usize, u: T) -> T {
+        T::from_spline(cubic.at(u), self.column_scale[column])
+    }
+
+    /// What the paper's control law reads of the plan at the current tick.
     #[inline]
     pub fn setpoint(&self) -> Setpoint<T> {
         let u = T::fraction(self.phase, self.phase_unit);
-        let value = |cubic: &Cubic<T>, column: usize| {
-            T::from_spline(cubic.at(u), self.column_scale[column])
-        };
         let segment = &self.segment;
         Setpoint {
-            torque: [0, 1].map(|joint| value(&segment.torque[joint], SETPOINT.torque[joint])),
-            force: value(&segment.force, SETPOINT.force),
-            root_slope_rate: value(&segment.root_slope_rate, SETPOINT.root_slope_rate),
-            normal_angle: value(&segment.normal_angle, SETPOINT.normal_angle),
+            torque: [0, 1].map(|i| self.value(&segment.torque[i], COLUMN.torque[i], u)),
+            force: self.value(&segment.force, COLUMN.force, u),
+            root_slope_rate: self.value(&segment.root_slope_rate, COLUMN.root_slope_rate, u),
+            normal_angle: self.value(&segment.normal_angle, COLUMN.normal_angle, u),
+        }
+    }
+
+    /// What the hybrid control law reads of it, of a cursor [`with_pose`](Self::with_pose).
+    #[inline]
+    pub fn pose(&self) -> PoseSetpoint<T> {
+        let u = T::fraction(self.phase, self.phase_unit);
+        let segment = &self.segment;
+        PoseSetpoint {
+            torque: [0, 1].map(|i| self.value(&segment.torque[i], COLUMN.torque[i], u)),
+            force: self.value(&segment.force, COLUMN.force, u),
+            angle: [0, 1].map(|i| self.value(&segment.angle[i], COLUMN.angle[i], u)),
+            root_slope: self.value(&segment.root_slope, COLUMN.root_slope, u),
+            normal_angle: self.value(&segment.normal_angle, COLUMN.normal_angle, u),
         }
     }
 
     /// All of the plan's values at the current tick: what a tick of the controller reads
-    /// is less, see [`setpoint`](Self::setpoint).
+    /// is less, see [`setpoint`](Self::setpoint) and [`pose`](Self::pose).
     pub fn row(&self) -> Reference<T> {
         let Some(rows) = self.rows.first_chunk() else {
             return Reference::default();

@@ -19,7 +19,7 @@ use crate::analysis::fixed_point::range::RangeError;
 use crate::planner::plan::Plan;
 use crate::simulation::closed_loop::{Run, RunError, RunOptions, Simulation, Step};
 use crate::simulation::start::plant_for;
-use flexor::control::{Coefficients, Controller, LawParameters, LimitParameters};
+use flexor::control::{Coefficients, Controller, LawParameters, LimitParameters, PaperParameters};
 use flexor::number::TableScalar;
 use flexor::number::fixed::{Exponent, Fixed};
 use flexor::signals::{Formats, Measurement, Saturation, SaturationCounts};
@@ -114,7 +114,10 @@ pub fn measure(
     let (fixed, saturations) = run_fixed(plan, image, options, |_| progress())?;
     let (law, limits) = (&options.law, &options.limits);
     let analysis = range::analyse(plan, image, law, limits)?;
-    let hostile = hostile_law(law, plan.tick_rate_hz);
+    let LawParameters::Paper(paper) = law else {
+        return Err(RangeError::Law { name: law.name() }.into());
+    };
+    let hostile = hostile_law(paper, plan.tick_rate_hz).into();
     let mut accuracies = [
         compare("f32", &reference, &single),
         compare("fixed", &reference, &fixed),
@@ -170,8 +173,8 @@ fn float_coefficients<T: TableScalar<Format = ()>>(
 }
 
 /// `law` with every term at work.
-pub fn hostile_law(law: &LawParameters, tick_rate_hz: u32) -> LawParameters {
-    LawParameters {
+pub fn hostile_law(law: &PaperParameters, tick_rate_hz: u32) -> PaperParameters {
+    PaperParameters {
         force_derivative_s: 20.0 / f64::from(tick_rate_hz),
         force_proportional: 0.5,
         force_integral_per_s: 50.0,

@@ -120,6 +120,10 @@ impl SiScalar for Exact {
         value * from.range() / to.range()
     }
 
+    fn angle_gain(value: f64, to: Exponent) -> f64 {
+        value * PI / to.range()
+    }
+
     fn gain_value(gain: f64, from: Exponent, to: Exponent) -> f64 {
         gain * to.range() / from.range()
     }

@@ -24,7 +24,9 @@
 
 use crate::planner::plan::Plan;
 use crate::text::{Shortest, four_digits};
-use flexor::control::{Coefficients, LawParameters, LimitParameters, Mismatch};
+use flexor::control::{
+    Coefficients, Law, LawParameters, LimitParameters, Mismatch, PaperParameters,
+};
 use flexor::number::SiScalar;
 use flexor::number::fixed::{Exponent, Fixed, RADIANS_PER_UNIT};
 use flexor::signals::{Formats, Measurement};
@@ -67,6 +69,12 @@ pub struct Analysis {
 /// Why an arm or task cannot run in fixed point.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RangeError {
+    /// The law has no formats in fixed point.
+    #[error("law = \"{name}\" has no formats in fixed point yet; accepted: \"paper\"")]
+    Law {
+        /// The law's name.
+        name: &'static str,
+    },
     /// A signal's range is too large for its bits.
     #[error(
         "fixed point cannot hold the signal '{signal}': its range of {} {unit} leaves torque {joint} uncertain by {} N m, up to {} is accepted; narrow the torque limits or lower the gains",
@@ -117,9 +125,12 @@ pub fn analyse(
     law: &LawParameters,
     limits: &LimitParameters,
 ) -> Result<Analysis, RangeError> {
+    let LawParameters::Paper(paper) = law else {
+        return Err(RangeError::Law { name: law.name() });
+    };
     let table = Table::open(image).map_err(Mismatch::from)?;
     let header = table.header();
-    let signals = signals(plan, header, law, limits);
+    let signals = signals(plan, header, paper, limits);
     let [torque1, torque2, force, root_slope, slope_rate, moment_arm] = signals.map(|s| s.exponent);
     let formats = Formats {
         torque: [torque1, torque2],
@@ -131,7 +142,11 @@ pub fn analyse(
     let arm = &plan.model.arm;
     let rate = header.tick_rate_hz;
     let coefficients = Coefficients::<Fixed>::new(arm, law, limits, rate, &formats);
-    for c in coefficients.law().coefficients(law, arm, rate, &formats) {
+    let rounded = match coefficients.law() {
+        Law::Paper(law) => law.coefficients(paper, arm, rate, &formats),
+        Law::Hybrid(_) => return Err(RangeError::Law { name: law.name() }),
+    };
+    for c in rounded {
         if !((c.is - c.wanted).abs() <= GAIN_ERROR_SHARE * c.wanted.abs()) {
             return Err(RangeError::Coefficient {
                 name: c.name,
@@ -140,7 +155,7 @@ pub fn analyse(
             });
         }
     }
-    let errors = Errors::new(&signals, header, law, plan);
+    let errors = Errors::new(&signals, header, paper, plan);
     let torque_error = [0, 1].map(|joint| errors.torque(joint).map(|(_, e)| e).iter().sum());
     for joint in 0..2 {
         let accepted_nm = TORQUE_ERROR_SHARE * plan.peaks.torque[joint];
@@ -176,7 +191,7 @@ const SLOPE_RATE: usize = 4;
 const MOMENT_ARM: usize = 5;
 
 /// Range of the root slope rate, rad/s: the plan's and what joint 2's torque, N m, answers.
-fn slope_rate_range(plan: &Plan, law: &LawParameters, torque2: f64) -> f64 {
+fn slope_rate_range(plan: &Plan, law: &PaperParameters, torque2: f64) -> f64 {
     let rates = plan.points.iter().map(|p| p.root_slope_rate.abs());
     let planned = rates.fold(0.0, f64::max);
     let answered = 2.0 * (torque2 + plan.peaks.torque[1]) / law.slope_rate_nms_rad.abs();
@@ -192,7 +207,7 @@ fn slope_rate_range(plan: &Plan, law: &LawParameters, torque2: f64) -> f64 {
 fn signals(
     plan: &Plan,
     header: &Header,
-    law: &LawParameters,
+    law: &PaperParameters,
     limits: &LimitParameters,
 ) -> [Signal; 6] {
     let arm = &plan.model.arm;
@@ -273,7 +288,7 @@ struct Errors {
 }
 
 impl Errors {
-    fn new(signals: &[Signal; 6], header: &Header, law: &LawParameters, plan: &Plan) -> Self {
+    fn new(signals: &[Signal; 6], header: &Header, law: &PaperParameters, plan: &Plan) -> Self {
         let unit = |i: usize| signals[i].exponent.unit();
         let ulp = |e: i32| libm::ldexp(1.0, e);
         // Splines: 16 units of 2^-28 of what the column's integers can hold, and of the

@@ -6,7 +6,7 @@ use super::sampled::with_gains_times;
 use crate::planner::plan::Plan;
 use crate::plant::spread::PlantVariant;
 use crate::text::four_digits;
-use flexor::control::{ForceProjection, LawParameters};
+use flexor::control::{ForceProjection, PaperParameters};
 use rayon::prelude::*;
 
 /// Gain margin below which a stable loop gets a word of caution, dB.
@@ -15,7 +15,7 @@ pub const CAUTION_DB: f64 = 6.0;
 pub const CAUTION_TICKS: f64 = 1.0;
 
 /// A gain of the law: its key in `controller.toml`, and access to it.
-type GainField = (&'static str, fn(&mut LawParameters) -> &mut f64);
+type GainField = (&'static str, fn(&mut PaperParameters) -> &mut f64);
 
 /// The law's gains.
 pub(super) const GAINS: [GainField; 4] = [
@@ -25,7 +25,7 @@ pub(super) const GAINS: [GainField; 4] = [
     ("K_w_Nms_rad", |law| &mut law.slope_rate_nms_rad),
 ];
 
-fn stable(frozen_points: &[FrozenPoint], plan: &Plan, law: &LawParameters) -> bool {
+fn stable(frozen_points: &[FrozenPoint], plan: &Plan, law: &PaperParameters) -> bool {
     frozen_points
         .par_iter()
         .all(|frozen| frozen.verdict(plan, law, 0.0).is_stable())
@@ -67,7 +67,7 @@ fn down(value: f64) -> String {
 pub fn advice(
     plan: &Plan,
     variant: &PlantVariant,
-    law: &LawParameters,
+    law: &PaperParameters,
     summary: &Summary,
     times: &[f64],
 ) -> Result<Vec<String>, StabilityError> {
@@ -109,7 +109,7 @@ fn cautions(summary: &Summary) -> Vec<String> {
 fn remedies(
     plan: &Plan,
     variant: &PlantVariant,
-    law: &LawParameters,
+    law: &PaperParameters,
     times: &[f64],
 ) -> Result<Vec<String>, StabilityError> {
     let frozen_points = path::frozen_points(plan, variant, times)?;
@@ -134,7 +134,7 @@ fn remedies(
     {
         remedies.push(format!("all gains times {}", down(share)));
     }
-    let transpose = LawParameters {
+    let transpose = PaperParameters {
         force_projection: ForceProjection::JacobianTranspose,
         ..*law
     };
@@ -156,7 +156,7 @@ fn remedies(
 fn faster(
     plan: &Plan,
     variant: &PlantVariant,
-    law: &LawParameters,
+    law: &PaperParameters,
     times: &[f64],
 ) -> Result<Option<u32>, StabilityError> {
     const FACTORS: [f64; 11] = [1.1, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 5.0, 7.0, 10.0];
@@ -184,7 +184,7 @@ fn faster(
 pub fn warning(
     plan: &Plan,
     plant: &crate::plant::PlantParameters,
-    law: &LawParameters,
+    law: &PaperParameters,
 ) -> Result<Vec<String>, StabilityError> {
     super::check(law)?;
     let times = path::times(plan, path::DEFAULT_POINTS);

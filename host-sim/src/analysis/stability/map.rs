@@ -6,7 +6,7 @@ use super::path::{self, FrozenPoint};
 use super::sampled::with_gains_times;
 use crate::planner::plan::Plan;
 use crate::plant::spread::PlantVariant;
-use flexor::control::LawParameters;
+use flexor::control::PaperParameters;
 use rayon::prelude::*;
 
 /// A gain of the law.
@@ -29,13 +29,13 @@ impl GainId {
     }
 
     /// Its value in `law`.
-    pub fn of(self, law: &LawParameters) -> f64 {
+    pub fn of(self, law: &PaperParameters) -> f64 {
         let mut law = *law;
         *GAINS[self as usize].1(&mut law)
     }
 
     /// `law` with another value of it.
-    pub fn set(self, law: &LawParameters, value: f64) -> LawParameters {
+    pub fn set(self, law: &PaperParameters, value: f64) -> PaperParameters {
         let mut law = *law;
         *GAINS[self as usize].1(&mut law) = value;
         law
@@ -94,7 +94,7 @@ const POINTS: usize = 5;
 pub fn map(
     plan: &Plan,
     variant: &PlantVariant,
-    law: &LawParameters,
+    law: &PaperParameters,
     gains: [GainId; 2],
 ) -> Result<Map, StabilityError> {
     let frozen_points = path::frozen_points(plan, variant, &path::times(plan, POINTS))?;

@@ -30,7 +30,7 @@ pub mod tune;
 
 use crate::model::arm_model::ModelError;
 use crate::text::Shortest;
-use flexor::control::LawParameters;
+use flexor::control::PaperParameters;
 use flexor::model::KinematicsError;
 use nalgebra::linalg::balancing::balance_parlett_reinsch;
 use nalgebra::{Complex, DMatrix, Schur};
@@ -99,7 +99,7 @@ pub enum StabilityError {
 ///
 /// # Errors
 /// [`StabilityError::Gain`].
-pub fn check(law: &LawParameters) -> Result<(), StabilityError> {
+pub fn check(law: &PaperParameters) -> Result<(), StabilityError> {
     let gains = [
         (
             "K_DF_s",

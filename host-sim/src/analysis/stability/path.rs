@@ -8,7 +8,7 @@ use super::sampled::{LinearLaw, Sampled, with_gains_times};
 use crate::planner::plan::Plan;
 use crate::plant::PlantParameters;
 use crate::plant::spread::{PlantVariant, Spread};
-use flexor::control::LawParameters;
+use flexor::control::PaperParameters;
 use nalgebra::Complex;
 use rayon::prelude::*;
 
@@ -96,7 +96,12 @@ impl FrozenPoint {
     }
 
     /// The closed loop with the gains of `law`, its torques acting `delay_ticks` late.
-    pub fn verdict(&self, plan: &Plan, law: &LawParameters, delay_ticks: f64) -> StabilityVerdict {
+    pub fn verdict(
+        &self,
+        plan: &Plan,
+        law: &PaperParameters,
+        delay_ticks: f64,
+    ) -> StabilityVerdict {
         let linear = LinearLaw::new(law, plan, self.sampled.angle(), self.tick_rate_hz);
         let period = self.sampled.period;
         let matrix = self.sampled.closed_loop(&linear, delay_ticks);
@@ -149,7 +154,7 @@ impl FrozenPoint {
         }
     }
 
-    fn is_stable(&self, plan: &Plan, law: &LawParameters, factor: f64, delay_ticks: f64) -> bool {
+    fn is_stable(&self, plan: &Plan, law: &PaperParameters, factor: f64, delay_ticks: f64) -> bool {
         self.verdict(plan, &with_gains_times(law, factor), delay_ticks)
             .is_stable()
     }
@@ -157,7 +162,7 @@ impl FrozenPoint {
     /// By how much all gains can be raised until the loop becomes unstable, dB; negative
     /// where they must be lowered to make it stable. Looked for in steps of `step` dB up
     /// to `most` dB.
-    pub fn gain_margin_db(&self, plan: &Plan, law: &LawParameters, step: f64, most: f64) -> f64 {
+    pub fn gain_margin_db(&self, plan: &Plan, law: &PaperParameters, step: f64, most: f64) -> f64 {
         let up = self.is_stable(plan, law, 1.0, 0.0);
         self.gain_margin_from(plan, law, up, step, most)
     }
@@ -167,7 +172,7 @@ impl FrozenPoint {
     fn gain_margin_from(
         &self,
         plan: &Plan,
-        law: &LawParameters,
+        law: &PaperParameters,
         up: bool,
         step: f64,
         most: f64,
@@ -196,7 +201,7 @@ impl FrozenPoint {
 
     /// By how many ticks the torques may act later until the loop becomes unstable; 0
     /// where it is unstable as it is. Looked for up to `most`.
-    pub fn delay_margin_ticks(&self, plan: &Plan, law: &LawParameters, most: f64) -> f64 {
+    pub fn delay_margin_ticks(&self, plan: &Plan, law: &PaperParameters, most: f64) -> f64 {
         let stable = |delay: f64| self.is_stable(plan, law, 1.0, delay);
         if !stable(0.0) {
             return 0.0;
@@ -377,7 +382,7 @@ pub fn examine(
     plan: &Plan,
     name: &str,
     variant: &PlantVariant,
-    law: &LawParameters,
+    law: &PaperParameters,
     times: &[f64],
     progress: &(dyn Fn() + Sync),
 ) -> Result<(Summary, Vec<PathPoint>), StabilityError> {
@@ -410,7 +415,7 @@ pub fn examine_least(
     plan: &Plan,
     name: &str,
     variant: &PlantVariant,
-    law: &LawParameters,
+    law: &PaperParameters,
     times: &[f64],
     progress: &(dyn Fn() + Sync),
 ) -> Result<Summary, StabilityError> {
@@ -450,7 +455,7 @@ pub fn quick_check(
     plan: &Plan,
     name: &str,
     variant: &PlantVariant,
-    law: &LawParameters,
+    law: &PaperParameters,
     times: &[f64],
 ) -> Result<Summary, StabilityError> {
     let frozen_points = frozen_points(plan, variant, times)?;
@@ -487,7 +492,7 @@ impl Report {
         plan: &Plan,
         plant: &PlantParameters,
         spread: &Spread,
-        law: &LawParameters,
+        law: &PaperParameters,
         points: usize,
         progress: &(dyn Fn() + Sync),
     ) -> Result<Self, StabilityError> {

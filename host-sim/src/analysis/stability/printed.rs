@@ -22,7 +22,7 @@
 use super::complex::norm;
 use super::linear::OperatingPoint;
 use crate::plant::spread::PlantVariant;
-use flexor::control::{ForceProjection, LawParameters};
+use flexor::control::{ForceProjection, PaperParameters};
 use nalgebra::{Complex, DMatrix};
 
 /// The matrices of eq. 23, in modal coordinates of the link: `X` and the link's rows are
@@ -41,7 +41,7 @@ impl Printed {
     /// theta20, rad, and their rates, rad/s. `s2` is the one that the law uses.
     pub fn new(
         variant: &PlantVariant,
-        law: &LawParameters,
+        law: &PaperParameters,
         normal_angle: f64,
         angle: [f64; 2],
         rate: [f64; 2],
@@ -101,7 +101,7 @@ impl Printed {
     /// As [`new`](Self::new), at an operating point of the linearisation.
     pub fn at(
         variant: &PlantVariant,
-        law: &LawParameters,
+        law: &PaperParameters,
         normal_angle: f64,
         point: &OperatingPoint,
     ) -> Option<Self> {

@@ -15,13 +15,13 @@
 //! bus or computation may be made, lets `u_(k-d)` act; `d` need not be whole.
 //!
 //! The law's part is not written down here a second time: it is
-//! [`flexor::control::Law::update`] itself, which is affine in what it remembers and
+//! [`flexor::control::PaperLaw::update`] itself, which is affine in what it remembers and
 //! measures, evaluated on basis vectors.
 
 use super::linear::{FORCE, Linear, SLOPE_RATE};
 use crate::planner::plan::Plan;
 use crate::plant::spread::PlantVariant;
-use flexor::control::{Law, LawParameters, LawState};
+use flexor::control::{PaperLaw, PaperParameters, PaperState};
 use flexor::signals::{Measurement, SaturationCounts, Setpoint};
 use nalgebra::DMatrix;
 
@@ -51,12 +51,12 @@ impl LinearLaw {
     /// The law with `parameters` for `plan`'s arm, at the joint angles `angle` (rad) and
     /// `tick_rate_hz`.
     pub fn new(
-        parameters: &LawParameters,
+        parameters: &PaperParameters,
         plan: &Plan,
         angle: [f64; 2],
         tick_rate_hz: u32,
     ) -> Self {
-        let law = Law::<f64>::new(parameters, &plan.model.arm, tick_rate_hz);
+        let law = PaperLaw::<f64>::new(parameters, &plan.model.arm, tick_rate_hz);
         let setpoint = Setpoint {
             torque: [0.0; 2],
             force: 0.0,
@@ -69,7 +69,7 @@ impl LinearLaw {
         // Everything zero but the angles gives zero: without a correction the moment arms'
         // dependence on the angles moves nothing.
         let respond = |memory: [f64; LAW_STATES], measured: [f64; 2]| {
-            let mut state = LawState {
+            let mut state = PaperState {
                 filtered_error: remembers_error.then_some(memory[0]),
                 integral: memory[INTEGRAL],
                 filtered_slope_rate: memory[2],
@@ -120,8 +120,8 @@ impl LinearLaw {
 }
 
 /// `parameters` with all four gains multiplied by `factor`.
-pub fn with_gains_times(parameters: &LawParameters, factor: f64) -> LawParameters {
-    LawParameters {
+pub fn with_gains_times(parameters: &PaperParameters, factor: f64) -> PaperParameters {
+    PaperParameters {
         force_derivative_s: parameters.force_derivative_s * factor,
         force_proportional: parameters.force_proportional * factor,
         force_integral_per_s: parameters.force_integral_per_s * factor,

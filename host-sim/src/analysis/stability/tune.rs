@@ -33,7 +33,7 @@ use crate::plant::spread::{PlantVariant, Spread};
 use argmin::core::{CostFunction, Executor};
 use argmin::solver::particleswarm::ParticleSwarm;
 use core::f64::consts::LN_2;
-use flexor::control::LawParameters;
+use flexor::control::PaperParameters;
 use nalgebra::DMatrix;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
@@ -59,7 +59,7 @@ const WORTH: f64 = 1.01;
 #[derive(Clone, Debug, PartialEq)]
 pub struct TuneOptions {
     /// Options and filters that are not searched for, and no gains.
-    pub law: LawParameters,
+    pub law: PaperParameters,
     /// The plant in the middle of the spread.
     pub plant: PlantParameters,
     /// The plants.
@@ -82,7 +82,7 @@ pub struct TuneOptions {
 #[derive(Clone, Debug)]
 pub struct Tuned {
     /// The law with them.
-    pub law: LawParameters,
+    pub law: PaperParameters,
     /// Its cost.
     pub cost: f64,
     /// Predicted errors of the plants that the cost counts.
@@ -188,12 +188,12 @@ impl Prediction {
             start,
             open: Predicted::default(),
         };
-        prediction.open = prediction.errors(plan, &LawParameters::FEEDFORWARD);
+        prediction.open = prediction.errors(plan, &PaperParameters::FEEDFORWARD);
         Ok(prediction)
     }
 
     /// Errors with the gains of `law`.
-    pub fn errors(&self, plan: &Plan, law: &LawParameters) -> Predicted {
+    pub fn errors(&self, plan: &Plan, law: &PaperParameters) -> Predicted {
         let mut state: Option<DMatrix<f64>> = None;
         let (mut force, mut tip, mut count) = ([0.0; 2], [0.0; 2], 0.0);
         let mut unit = 1.0;
@@ -362,7 +362,7 @@ impl Bounds {
     }
 
     /// The law at a place of the search; gains near their lower bound are left out.
-    fn law(&self, base: &LawParameters, place: &[f64]) -> LawParameters {
+    fn law(&self, base: &PaperParameters, place: &[f64]) -> PaperParameters {
         let value = |i: usize| {
             let share = (place[i] - self.low[i]) / (self.high[i] - self.low[i]);
             if i < 4 && share < LEAST {
@@ -371,7 +371,7 @@ impl Bounds {
                 two_digits(libm::exp(place[i]))
             }
         };
-        LawParameters {
+        PaperParameters {
             force_derivative_s: value(0),
             force_proportional: value(1),
             force_integral_per_s: value(2),
@@ -392,7 +392,7 @@ fn two_digits(value: f64) -> f64 {
 impl Search<'_> {
     /// How fast the loop grows, 1/s, under the first plant whose conditions are not met;
     /// `None` when all are.
-    fn violation(&self, law: &LawParameters) -> Option<f64> {
+    fn violation(&self, law: &PaperParameters) -> Option<f64> {
         for condition in &self.conditions {
             let mut worst: Option<f64> = None;
             for frozen in &condition.frozen_points {
@@ -415,7 +415,7 @@ impl Search<'_> {
 
     /// `law` without the gains that are not worth having: those without which the cost is
     /// at most [`WORTH`] larger. Without K_DF and K_PF there is nothing to filter.
-    fn simplified(&self, mut law: LawParameters) -> LawParameters {
+    fn simplified(&self, mut law: PaperParameters) -> PaperParameters {
         let most = WORTH * self.cost(&law);
         for gain in [GainId::ForceDerivative, GainId::ForceProportional] {
             let without = gain.set(&law, 0.0);
@@ -429,7 +429,7 @@ impl Search<'_> {
         law
     }
 
-    fn cost(&self, law: &LawParameters) -> f64 {
+    fn cost(&self, law: &PaperParameters) -> f64 {
         if let Some(growth) = self.violation(law) {
             return 1e3 + growth.min(1e6);
         }
@@ -573,7 +573,7 @@ impl<'a> Search<'a> {
     }
 
     /// Lets the swarm fly; the search itself and the best law found.
-    fn fly(self) -> Result<(Self, LawParameters), StabilityError> {
+    fn fly(self) -> Result<(Self, PaperParameters), StabilityError> {
         let options = self.options;
         let failed = |error: argmin::core::Error| StabilityError::Optimiser(error.to_string());
         let bounds = (self.bounds.low.clone(), self.bounds.high.clone());

@@ -6,7 +6,7 @@ mod examine;
 mod tune;
 
 use super::plan::Planned;
-use super::{CliError, Common, Output, controller, pages, say};
+use super::{CliError, Common, Output, pages, paper_law, say};
 use crate::analysis::stability::advice::{advice, warning};
 use crate::analysis::stability::map::GainId;
 use crate::analysis::stability::path::{Report, Summary};
@@ -20,7 +20,7 @@ use crate::text::Shortest;
 use clap::Args;
 #[cfg(feature = "tune")]
 use clap::Subcommand;
-use flexor::control::LawParameters;
+use flexor::control::PaperParameters;
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 
@@ -68,7 +68,7 @@ struct PlantArgs {
 
 /// What is examined, read and planned.
 struct Setting {
-    law: LawParameters,
+    law: PaperParameters,
     plant: PlantParameters,
     spread: Spread,
     planned: Planned,
@@ -93,7 +93,7 @@ impl PlantArgs {
 
     fn setting(&self) -> Result<Setting, CliError> {
         let (arm, task) = self.common.load()?;
-        let law = controller(self.controller.as_deref())?;
+        let law = paper_law("gains", self.controller.as_deref())?;
         let plant = match &self.plant {
             Some(file) => config::load(Some(file), "", config::parse_plant)?.0,
             None => cases::plant(arm.elements, 1.0),
@@ -124,7 +124,7 @@ pub(super) fn command(args: &GainsArgs) -> Result<(), CliError> {
 
 /// Says on standard error what is wrong with the gains that are about to be simulated on
 /// `plant`.
-pub(super) fn warn(plan: &Plan, plant: &PlantParameters, law: &LawParameters) {
+pub(super) fn warn(plan: &Plan, plant: &PlantParameters, law: &PaperParameters) {
     // What cannot be examined is not wrong for that: the run will tell.
     for word in warning(plan, plant, law).unwrap_or_default() {
         say(format_args!("warning: {word}"));
@@ -196,7 +196,7 @@ fn worst_variant(setting: &Setting, report: &Report) -> Result<PlantVariant, Sta
 /// What to say about the gains.
 fn warnings(
     setting: &Setting,
-    law: &LawParameters,
+    law: &PaperParameters,
     report: &Report,
 ) -> Result<Vec<String>, StabilityError> {
     let plan = &setting.planned.plan;
@@ -220,7 +220,7 @@ fn warnings(
 /// Writes the page and its figures, and says where they are.
 fn write_page(
     setting: &Setting,
-    law: &LawParameters,
+    law: &PaperParameters,
     report: &Report,
     map_of: [GainId; 2],
     warnings: &[String],
@@ -240,7 +240,7 @@ fn write_page(
 }
 
 /// Gains as facts.
-fn law_facts(law: &LawParameters) -> Vec<(String, String)> {
+fn law_facts(law: &PaperParameters) -> Vec<(String, String)> {
     let corner =
         |hz: Option<f64>| hz.map_or("none".to_string(), |hz| format!("{} Hz", Shortest(hz)));
     [

@@ -102,7 +102,7 @@ pub(super) fn tune_command(args: &TuneArgs) -> Result<(), CliError> {
             args.seed
         ),
     ));
-    let file = config::controller_toml(law, &origin(args, &setting, &tuned));
+    let file = config::controller_toml(&(*law).into(), &origin(args, &setting, &tuned));
     output.write("controller.toml", |w| w.write_all(file.as_bytes()))?;
     let map_of = [GainId::ForceIntegral, GainId::SlopeRate];
     let warnings = warnings(&setting, law, report)?;

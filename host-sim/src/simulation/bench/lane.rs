@@ -158,7 +158,7 @@ impl<'a> Lane<'a> {
             integral: self
                 .supervisor
                 .controller()
-                .map_or(0.0, |controller| f64::from(controller.state().integral)),
+                .map_or(0.0, |controller| f64::from(controller.force_integral())),
             target: self.target,
         }
     }

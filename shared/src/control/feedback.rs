@@ -1,0 +1,46 @@
+//! What the controller wants of a control law, and the host of its coefficients.
+
+use crate::number::Scalar;
+use crate::signals::{Measurement, Saturation, SaturationCounts};
+
+/// What the controller's tick wants of a law. The tick is compiled for each law; which one acts
+/// is asked once.
+pub(super) trait FeedbackLaw<T: Scalar> {
+    /// What it reads of the plan.
+    type Setpoint;
+    /// What it remembers.
+    type State;
+    /// What it asks for.
+    type Demand;
+
+    /// True when all that it reads of the measurement is finite.
+    fn reads_finite(measured: &Measurement<T>) -> bool;
+    /// The torques for a measurement; steps what is remembered on.
+    fn update(
+        &self,
+        state: &mut Self::State,
+        setpoint: &Self::Setpoint,
+        measured: &Measurement<T>,
+        saturations: &mut SaturationCounts<T::SaturationCount>,
+    ) -> Self::Demand;
+    /// The torques asked for, N m.
+    fn torque(demand: &Self::Demand) -> [T; 2];
+    /// Takes back what pushed a joint farther into its limit.
+    fn anti_windup(
+        &self,
+        state: &mut Self::State,
+        demand: &Self::Demand,
+        saturation: [Saturation; 2],
+    );
+}
+
+/// What a law's coefficients are after rounding, for checks on the host.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Coefficient {
+    /// The key of `controller.toml` or `arm.toml` that it comes from.
+    pub name: &'static str,
+    /// What it should be.
+    pub wanted: f64,
+    /// What it is.
+    pub is: f64,
+}

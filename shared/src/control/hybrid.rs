@@ -1,0 +1,467 @@
+//! The hybrid law: joint 1 holds the place along the surface, joint 2 makes the force.
+//!
+//! It uses what a board measures: the motors' angles m1 and m2 (m2 turns link 2's root tangent
+//! against link 1), the moment M at link 2's root and the tip's force f.
+//!
+//! ```text
+//! e1 = m1 - m1_d      e2 = m2 - m2_d      e_f = f_d - f
+//!
+//! place    tau1 = tau1_d - K1 (e1 + integral(w1 e1)) - B1 e1'             w1 = Ki1 / K1
+//! force    want = tau2_d + s2 integral(K_IF e_f) - B2 e2' - k2 e2 + x
+//! section  (x, y)' = w (R - 1) (x, y) + w g e2 + w h phi                  phi = -s2 e_f
+//! torque   tau2 = want + D      D' = K_T (want - M),  |D| limited
+//! ```
+//!
+//! **Plan.** `m1_d = theta10`, `m2_d = theta20 - theta10 + w'(0)`, and a force along the normal
+//! has the moment arm `s2 = r2 sin(psi - theta20)` about joint 2, psi the normal's direction, all
+//! of the planned motion. The force's share in tau1 is left out: on a given surface joint 1 alone
+//! decides the place, and static force is joint 2's alone.
+//!
+//! **Rates** are the errors' differences from tick to tick behind a first-order low-pass (backward
+//! Euler, `a = omega T / (1 + omega T)`); here they are in radians a tick, and the damping a tick
+//! carries the rate. Encoder 2 turns with the torque of motor 2, so that B2 takes energy out
+//! whatever the link does.
+//!
+//! **Section.** A second-order filter with frequency w and damping z shapes the loop:
+//! `R = exp(T [[-z w, w_q], [-w_q, -z w]])`, `w_q = w sqrt(1 - z^2)`, exact for any tick; inputs are
+//! `w T g` and `w T h`. It turns the phase of the force loop, whose plant has a zero on the right.
+//!
+//! **Torque loop.** D makes the root moment what the law wants: it takes out gear friction and the
+//! drive's error. K_T = 0 does without the gauge.
+//!
+//! **First tick.** All states are zero and the errors before are the present ones: no kick.
+//!
+//! **Anti-windup.** What this tick added to joint 1's integral, the force integral and D is taken
+//! back, each where it pushed its joint farther into *any* limit behind the law.
+
+use crate::control::feedback::FeedbackLaw;
+use crate::control::filter::{filter_alpha, low_pass};
+use crate::model::ArmParameters;
+use crate::number::{Scalar, SiScalar};
+use crate::signals::{Formats, Measurement, PoseSetpoint, Saturation, SaturationCounts};
+use serde::{Deserialize, Serialize};
+
+/// Gains of the hybrid law, in f64 SI units: what a `controller.toml` with `law = "hybrid"` says.
+/// The law is made from the nearest f32, which is how gains go over the link.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HybridParameters {
+    /// K1 and k2: stiffness of the joints about their planned angles, N m/rad.
+    pub joint_stiffness_nm_rad: [f64; 2],
+    /// B1 and B2: damping of the joints' rates against the planned ones, N m s/rad.
+    pub joint_damping_nms_rad: [f64; 2],
+    /// Corners of the filters on these rates, Hz.
+    pub rate_filter_hz: [f64; 2],
+    /// Ki1: gain on the integral of joint 1's error, N m/(rad s). Without K1 there is none.
+    pub joint1_integral_nm_rads: f64,
+    /// Largest torque of that integral, N m.
+    pub joint1_integral_limit_nm: f64,
+    /// K_IF: gain on the integral of the force error, 1/s.
+    pub force_integral_per_s: f64,
+    /// K_T: bandwidth of the loop that makes the root moment what is wanted, 1/s; 0 without gauge.
+    pub torque_loop_per_s: f64,
+    /// Largest correction D by that loop, N m.
+    pub torque_correction_limit_nm: f64,
+    /// w: natural frequency of the second-order section, rad/s.
+    pub section_frequency_rad_s: f64,
+    /// z: its damping ratio, below 1.
+    pub section_damping: f64,
+    /// g: what joint 2's error feeds to the section's two states, N m/rad.
+    pub section_angle_nm_rad: [f64; 2],
+    /// h: what the force error's moment, phi, feeds to them.
+    pub section_force: [f64; 2],
+}
+
+impl HybridParameters {
+    /// For a motor 2 whose rotor and hub add 2e-5 to 3e-4 kg m^2 to the root of the paper's link 2.
+    pub const PAPER_ARM_HUB: Self = Self {
+        joint_stiffness_nm_rad: [800.0, 2.21],
+        joint_damping_nms_rad: [60.0, 0.0307],
+        rate_filter_hz: [30.0, 4280.0],
+        joint1_integral_nm_rads: 1700.0,
+        joint1_integral_limit_nm: 50.0,
+        force_integral_per_s: 10.2,
+        torque_loop_per_s: 91.0,
+        torque_correction_limit_nm: 0.5,
+        section_frequency_rad_s: 26.7,
+        section_damping: 0.567,
+        section_angle_nm_rad: [0.894, 1.125],
+        section_force: [0.156, 0.208],
+    };
+
+    /// The parameters as they go over the link, in f32: a law that the host makes from the file
+    /// has the bits of the one that a board makes from its setup.
+    fn sent(&self) -> Self {
+        let sent = |value: f64| f64::from(value as f32);
+        Self {
+            joint_stiffness_nm_rad: self.joint_stiffness_nm_rad.map(sent),
+            joint_damping_nms_rad: self.joint_damping_nms_rad.map(sent),
+            rate_filter_hz: self.rate_filter_hz.map(sent),
+            joint1_integral_nm_rads: sent(self.joint1_integral_nm_rads),
+            joint1_integral_limit_nm: sent(self.joint1_integral_limit_nm),
+            force_integral_per_s: sent(self.force_integral_per_s),
+            torque_loop_per_s: sent(self.torque_loop_per_s),
+            torque_correction_limit_nm: sent(self.torque_correction_limit_nm),
+            section_frequency_rad_s: sent(self.section_frequency_rad_s),
+            section_damping: sent(self.section_damping),
+            section_angle_nm_rad: self.section_angle_nm_rad.map(sent),
+            section_force: self.section_force.map(sent),
+        }
+    }
+
+    /// The section's step from tick to tick, `exp(T A)`: what each state keeps of itself, and what
+    /// it takes of the other.
+    fn rotation(&self, rate_hz: f64) -> [f64; 2] {
+        let angle = self.section_frequency_rad_s / rate_hz;
+        let square = 1.0 - self.section_damping * self.section_damping;
+        let turn = angle * libm::sqrt(if square > 0.0 { square } else { 0.0 });
+        let decay = libm::exp(-self.section_damping * angle);
+        [decay * libm::cos(turn), decay * libm::sin(turn)]
+    }
+}
+
+/// Largest error that joint 1's integral stands for, rad: what fixed point holds.
+const INTEGRAL_MAX_RAD: f64 = 3.0;
+
+/// The hybrid law: its coefficients in the tick's number type.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "")]
+pub struct HybridLaw<T: Scalar> {
+    /// Length r2: from a sine to a moment arm.
+    link2_length: T::Gain,
+    /// K1 and k2.
+    stiffness: [T::Gain; 2],
+    /// B1 and B2 divided by the control period.
+    damping: [T::Gain; 2],
+    rate_filter: [T::Alpha; 2],
+    /// Ki1 / K1 times the control period: the integral is kept as an angle.
+    place_integral: T::Alpha,
+    /// Its limit, rad.
+    place_integral_limit: T,
+    /// K_IF times the control period.
+    force_integral: T::Alpha,
+    /// K_T times the control period.
+    torque_loop: T::Alpha,
+    /// Limit of D, N m.
+    correction_limit: T,
+    /// What the section's states keep of themselves and take of each other.
+    rotation: [T::Alpha; 2],
+    /// w T g.
+    section_angle: [T::Gain; 2],
+    /// w T h.
+    section_force: [T::Gain; 2],
+    /// Format change of moment arm (m) times force (N) to torque (N m).
+    torque: T::Shift,
+}
+
+/// What the hybrid law remembers from tick to tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HybridState<T: Scalar> {
+    /// Errors of the motors' angles at the tick before, rad; `None` before the first.
+    pub angle_error: Option<[T; 2]>,
+    /// Their filtered differences, rad a tick.
+    pub rate_error: [T::Sum; 2],
+    /// Integral of joint 1's error times Ki1 / K1, rad.
+    pub place_integral: T::Sum,
+    /// K_IF times the force error's integral, N.
+    pub force_integral: T::Sum,
+    /// Torque D that makes the root moment what is wanted, N m.
+    pub torque_correction: T::Sum,
+    /// The section's x and y, N m.
+    pub section: [T::Sum; 2],
+}
+
+impl<T: Scalar> Default for HybridState<T> {
+    fn default() -> Self {
+        Self {
+            angle_error: None,
+            rate_error: [T::Sum::default(); 2],
+            place_integral: T::Sum::default(),
+            force_integral: T::Sum::default(),
+            torque_correction: T::Sum::default(),
+            section: [T::Sum::default(); 2],
+        }
+    }
+}
+
+/// Torques that the hybrid law asks for, before any limit, and what
+/// [`HybridLaw::anti_windup`] wants to know of them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HybridDemand<T: Scalar> {
+    /// (tau1, tau2), N m.
+    pub torque: [T; 2],
+    /// s2: joint 2's torque of a unit force along the surface normal, m.
+    pub moment_arm: T,
+    /// Place integral, force integral and torque correction without this tick's steps.
+    before: [T::Sum; 3],
+}
+
+impl<T: SiScalar<Format = ()>> HybridLaw<T> {
+    /// Coefficients for `arm` at `tick_rate_hz`, in floating point.
+    pub fn new(parameters: &HybridParameters, arm: &ArmParameters, tick_rate_hz: u32) -> Self {
+        Self::in_formats(parameters, arm, tick_rate_hz, &Formats::default())
+    }
+}
+
+impl<T: SiScalar> HybridLaw<T> {
+    /// Coefficients for `arm` at `tick_rate_hz` and signals of the given formats. Those that a
+    /// format cannot take saturate.
+    pub fn in_formats(
+        parameters: &HybridParameters,
+        arm: &ArmParameters,
+        tick_rate_hz: u32,
+        formats: &Formats<T::Format>,
+    ) -> Self {
+        let p = parameters.sent();
+        let rate = f64::from(tick_rate_hz);
+        let [torque1, torque2] = formats.torque;
+        let stiffness1 = p.joint_stiffness_nm_rad[0];
+        // Shares of joint 1's stiffness, which may be none.
+        let of_stiffness = |torque: f64| {
+            if stiffness1 > 0.0 {
+                torque / stiffness1
+            } else {
+                0.0
+            }
+        };
+        let limit_rad = of_stiffness(p.joint1_integral_limit_nm);
+        let section = p.section_frequency_rad_s / rate;
+        let of_angles = |[first, second]: [f64; 2]| {
+            [
+                T::angle_gain(first, torque1),
+                T::angle_gain(second, torque2),
+            ]
+        };
+        Self {
+            link2_length: T::gain(arm.link2_length_m, T::SINE, formats.moment_arm),
+            stiffness: of_angles(p.joint_stiffness_nm_rad),
+            damping: of_angles(p.joint_damping_nms_rad.map(|damping| damping * rate)),
+            rate_filter: p.rate_filter_hz.map(|hz| T::alpha(filter_alpha(hz, rate))),
+            place_integral: T::alpha(of_stiffness(p.joint1_integral_nm_rads) / rate),
+            place_integral_limit: T::from_rad(limit_rad.min(INTEGRAL_MAX_RAD)),
+            force_integral: T::alpha(p.force_integral_per_s / rate),
+            torque_loop: T::alpha(p.torque_loop_per_s / rate),
+            correction_limit: T::from_si(p.torque_correction_limit_nm, torque2),
+            rotation: p.rotation(rate).map(T::alpha),
+            section_angle: p
+                .section_angle_nm_rad
+                .map(|gain| T::angle_gain(section * gain, torque2)),
+            section_force: p
+                .section_force
+                .map(|gain| T::gain(section * gain, torque2, torque2)),
+            torque: T::shift(formats.moment_arm, formats.force, torque2),
+        }
+    }
+}
+
+impl<T: Scalar> HybridLaw<T> {
+    /// The law's torques for a measurement, as the module says; steps all states on.
+    #[inline]
+    pub fn update(
+        &self,
+        state: &mut HybridState<T>,
+        setpoint: &PoseSetpoint<T>,
+        measured: &Measurement<T>,
+        saturations: &mut SaturationCounts<T::SaturationCount>,
+    ) -> HybridDemand<T> {
+        let before = [
+            state.place_integral,
+            state.force_integral,
+            state.torque_correction,
+        ];
+        let [m1, m2] = measured.motor;
+        let [theta10, theta20] = setpoint.angle;
+        let error = [
+            m1.angle_minus(theta10),
+            m2.angle_minus(theta20.angle_minus(theta10))
+                .angle_minus(setpoint.root_slope),
+        ];
+        let rate = self.rates(state, error, saturations);
+        let tau1 = self.place(state, setpoint.torque[0], error[0], rate[0], saturations);
+
+        let count = &mut T::SaturationCount::default();
+        // Its format holds both links' lengths together.
+        let moment_arm = setpoint
+            .normal_angle
+            .angle_minus(theta20)
+            .sine()
+            .scaled(self.link2_length, count);
+        let force_error = setpoint.force.minus(measured.force, &mut saturations.force);
+        let step = force_error.times_alpha(self.force_integral);
+        state.force_integral =
+            T::accumulated(state.force_integral, step, &mut saturations.integral);
+        let count = &mut saturations.torque[1];
+        let force_moment = moment_arm.times(T::of_sum(state.force_integral), self.torque, count);
+        let want = setpoint.torque[1]
+            .plus(force_moment, count)
+            .minus(rate[1].scaled(self.damping[1], count), count)
+            .minus(error[1].scaled(self.stiffness[1], count), count)
+            .plus(T::of_sum(state.section[0]), count);
+        let phi = moment_arm.times(force_error, self.torque, count).negative();
+        self.advance_section(state, error[1], phi, count);
+        let step = want
+            .minus(measured.root_moment, count)
+            .times_alpha(self.torque_loop);
+        state.torque_correction = clipped(
+            T::accumulated(state.torque_correction, step, count),
+            self.correction_limit,
+        );
+        HybridDemand {
+            torque: [tau1, want.plus(T::of_sum(state.torque_correction), count)],
+            moment_arm,
+            before,
+        }
+    }
+
+    /// The filtered differences of the errors from tick to tick, rad.
+    #[inline]
+    fn rates(
+        &self,
+        state: &mut HybridState<T>,
+        error: [T; 2],
+        saturations: &mut SaturationCounts<T::SaturationCount>,
+    ) -> [T; 2] {
+        let before = state.angle_error.unwrap_or(error);
+        state.angle_error = Some(error);
+        [0, 1].map(|joint| {
+            low_pass(
+                &mut state.rate_error[joint],
+                Some(self.rate_filter[joint]),
+                error[joint].angle_minus(before[joint]),
+                &mut saturations.motor,
+            )
+        })
+    }
+
+    /// Joint 1's torque.
+    #[inline]
+    fn place(
+        &self,
+        state: &mut HybridState<T>,
+        feedforward: T,
+        error: T,
+        rate: T,
+        saturations: &mut SaturationCounts<T::SaturationCount>,
+    ) -> T {
+        let count = &mut saturations.motor;
+        let step = error.times_alpha(self.place_integral);
+        state.place_integral = clipped(
+            T::accumulated(state.place_integral, step, count),
+            self.place_integral_limit,
+        );
+        let held = error.plus(T::of_sum(state.place_integral), count);
+        let count = &mut saturations.torque[0];
+        feedforward
+            .minus(held.scaled(self.stiffness[0], count), count)
+            .minus(rate.scaled(self.damping[0], count), count)
+    }
+
+    /// The section's next state, from joint 2's error (rad) and the force error's moment (N m).
+    #[inline]
+    fn advance_section(
+        &self,
+        state: &mut HybridState<T>,
+        error: T,
+        phi: T,
+        count: &mut T::SaturationCount,
+    ) {
+        let [keeps, takes] = self.rotation;
+        let [x, y] = state.section.map(T::of_sum);
+        let next = |own: T, other: T, i: usize, count: &mut T::SaturationCount| {
+            let turned = T::accumulated(own.times_alpha(keeps), other.times_alpha(takes), count);
+            let fed = error
+                .scaled(self.section_angle[i], count)
+                .plus(phi.scaled(self.section_force[i], count), count);
+            T::accumulated(turned, fed.sum(), count)
+        };
+        state.section = [next(x, y, 0, count), next(y, x.negative(), 1, count)];
+    }
+
+    /// Tells the law which joints were limited in this tick. Takes the steps back that pushed
+    /// them farther into their limits.
+    #[inline]
+    pub fn anti_windup(
+        &self,
+        state: &mut HybridState<T>,
+        demand: &HybridDemand<T>,
+        saturation: [Saturation; 2],
+    ) {
+        let [place, force, correction] = demand.before;
+        let pushed = |joint: usize, up: bool, down: bool| match saturation[joint] {
+            Saturation::None => false,
+            Saturation::Upper => up,
+            Saturation::Lower => down,
+        };
+        // More integral of the error is less torque.
+        if pushed(
+            0,
+            state.place_integral < place,
+            state.place_integral > place,
+        ) {
+            state.place_integral = place;
+        }
+        let (more, less) = (state.force_integral > force, state.force_integral < force);
+        let (along, against) = (demand.moment_arm > T::ZERO, demand.moment_arm < T::ZERO);
+        if pushed(
+            1,
+            along && more || against && less,
+            along && less || against && more,
+        ) {
+            state.force_integral = force;
+        }
+        let now = state.torque_correction;
+        if pushed(1, now > correction, now < correction) {
+            state.torque_correction = correction;
+        }
+    }
+}
+
+/// The sum, no farther from zero than `limit`, which is not negative.
+#[inline]
+fn clipped<T: Scalar>(sum: T::Sum, limit: T) -> T::Sum {
+    let (low, high) = (limit.negative().sum(), limit.sum());
+    if sum > high {
+        high
+    } else if sum < low {
+        low
+    } else {
+        sum
+    }
+}
+
+impl<T: Scalar> FeedbackLaw<T> for HybridLaw<T> {
+    type Setpoint = PoseSetpoint<T>;
+    type State = HybridState<T>;
+    type Demand = HybridDemand<T>;
+
+    #[inline]
+    fn reads_finite(measured: &Measurement<T>) -> bool {
+        let [m1, m2] = measured.motor;
+        T::all_finite([m1, m2, measured.root_moment, measured.force])
+    }
+
+    #[inline]
+    fn update(
+        &self,
+        state: &mut Self::State,
+        setpoint: &Self::Setpoint,
+        measured: &Measurement<T>,
+        saturations: &mut SaturationCounts<T::SaturationCount>,
+    ) -> Self::Demand {
+        self.update(state, setpoint, measured, saturations)
+    }
+
+    #[inline]
+    fn torque(demand: &Self::Demand) -> [T; 2] {
+        demand.torque
+    }
+
+    #[inline]
+    fn anti_windup(
+        &self,
+        state: &mut Self::State,
+        demand: &Self::Demand,
+        saturation: [Saturation; 2],
+    ) {
+        self.anti_windup(state, demand, saturation);
+    }
+}
