@@ -93,9 +93,8 @@ mod app {
         let (received, from_host) = context.local.receive.split();
         let (to_host, to_send) = context.local.transmit.split();
         // Without a setup no table runs, and nothing reads the moment.
-        let calibration = flash_slots::setup().map_or(CALIBRATION, |setup| {
-            CALIBRATION.for_arm(&setup.arm)
-        });
+        let calibration =
+            flash_slots::setup().map_or(CALIBRATION, |setup| CALIBRATION.for_arm(&setup.arm));
         let shared = Shared {
             supervisor: Supervisor::new(
                 &mut peripherals.tick,
