@@ -542,8 +542,14 @@ fn a_plain_run_goes_through_the_boards_counts() {
         );
     }
     for (arguments, word) in [
-        (&["--number", "fixed"][..], "--ideal"),
-        (&["--start", "plan-moving"], "--ideal"),
+        (
+            &["--number", "fixed", "--set", "contact.friction=0.1"][..],
+            "--number",
+        ),
+        (
+            &["--start", "plan-moving", "--scenario", "x.toml"],
+            "--start",
+        ),
         (&["--ideal", "--scenario", "x.toml"], "--scenario"),
         (&["--ideal", "--set", "contact.friction=1"], "--set"),
     ] {
@@ -552,6 +558,15 @@ fn a_plain_run_goes_through_the_boards_counts() {
         assert_eq!(output.status.code(), Some(2), "{message}");
         assert!(message.contains(word), "{message}");
     }
+    // What only the paper's world has is run there.
+    let moving = ["--start", "plan-moving", "--mode", "feedforward"];
+    let output = run(&moving);
+    let said = json(&run(&[&moving[..], &["--ideal"]].concat()));
+    assert_eq!(
+        json(&output)["force_error_rms_N"],
+        said["force_error_rms_N"]
+    );
+    assert!(text(&output.stderr).contains("as with --ideal"));
     // A scenario's fault ends it, and a script can demand that it does not.
     let file = place.join("stop.toml");
     fs::write(

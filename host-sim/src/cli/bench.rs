@@ -41,6 +41,8 @@ pub(super) struct Bench {
     pub(super) board: BenchBoard,
     /// The scenario.
     pub(super) config: ScenarioConfig,
+    /// What a reader should know, once it is clear that something runs.
+    note: Option<String>,
     /// The texts that decide the runs.
     pub(super) inputs: Vec<CampaignInput>,
 }
@@ -68,7 +70,7 @@ impl ScenarioArgs {
         let (arm, task) = common.load()?;
         let law = controller(gains)?;
         let planned = common.plan(&arm, &task)?;
-        let board = board_for(&common, &planned.plan)?;
+        let (board, note) = board_for(&common, &planned.plan)?;
         let mut inputs = vec![input(
             "scenario",
             self.scenario.as_deref(),
@@ -104,6 +106,7 @@ impl ScenarioArgs {
             law,
             board,
             config,
+            note,
             inputs,
         })
     }
@@ -133,22 +136,25 @@ impl ScenarioArgs {
 }
 
 /// The board for a plan: the one that is named, or the default one made large enough, as it need
-/// not be the arm's.
-fn board_for(common: &Common, plan: &Plan) -> Result<BenchBoard, CliError> {
+/// not be the arm's; and a note, if that was so.
+fn board_for(common: &Common, plan: &Plan) -> Result<(BenchBoard, Option<String>), CliError> {
     let board = common.board()?.parameters;
     if common.board.is_some() {
-        return Ok(BenchBoard::from(&board));
+        return Ok((BenchBoard::from(&board), None));
     }
     let slopes = plan.points.iter().map(|point| point.root_slope.abs());
     let slope = slopes.fold(0.0, f64::max);
     let (board, enlarged) = board.fitted(plan.peaks.torque, plan.task.normal_force, slope);
-    if enlarged {
-        say(format_args!(
-            "note: the default board's ranges are too small for this arm; the bench takes drives of {} and {} N m; --board FILE says what there is",
-            board.drive_full_scale_nm[0], board.drive_full_scale_nm[1]
-        ));
-    }
-    Ok(BenchBoard::from(&board))
+    let note = enlarged.then(|| {
+        format!(
+            "the default board's ranges are too small for this arm; the bench takes drives of {} and {} N m, a force cell of {} N, a gauge of {} rad; --board FILE says what there is",
+            board.drive_full_scale_nm[0],
+            board.drive_full_scale_nm[1],
+            board.force_range_n[1],
+            board.gauge_range_rad[1]
+        )
+    });
+    Ok((BenchBoard::from(&board), note))
 }
 
 /// An input that decides the runs; `said` is what the command line named it by, nothing where the
@@ -169,6 +175,13 @@ fn text(file: Option<&Path>, default: &str) -> Result<String, ConfigError> {
 }
 
 impl Bench {
+    /// Says what a reader should know.
+    pub(super) fn say_note(&self) {
+        if let Some(note) = &self.note {
+            say(format_args!("note: {note}"));
+        }
+    }
+
     /// What every arm is to do.
     pub(super) fn task(&self) -> BenchTask<'_> {
         BenchTask {
@@ -194,6 +207,7 @@ impl Bench {
         json: bool,
     ) -> Result<RunFigures, CliError> {
         let plan = &self.planned.plan;
+        self.say_note();
         let since = Instant::now();
         let progress = progress_bar(plan.points.len() as u64, "ticks, {eta} left");
         let mut log = BenchLog::new(plan.points.len());

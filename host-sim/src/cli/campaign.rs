@@ -180,6 +180,7 @@ fn runs(args: &CampaignArgs) -> Result<(), CliError> {
         .runs(args.runs)
         .filter(|run| !done.contains(run))
         .collect();
+    bench.say_note();
     let progress = progress_bar(left.len() as u64, "runs, {eta} left");
     let since = Instant::now();
     let all = args.write == WriteArg::All;

@@ -4,7 +4,7 @@ use super::bench::ScenarioArgs;
 use super::plan::Planned;
 use super::{
     CliError, Common, Output, accuracy, controller, gains, pages, print, print_facts, progress_bar,
-    results,
+    results, say,
 };
 use crate::analysis::fixed_point::accuracy::run_fixed;
 use crate::analysis::fixed_point::range;
@@ -69,7 +69,7 @@ pub(super) struct RunArgs {
     /// paper's world, without board and scenario
     #[arg(long, conflicts_with_all = ["scenario", "set", "board"])]
     ideal: bool,
-    /// Number type that the controller computes in; another than f32 needs --ideal
+    /// Number type that the controller computes in; another than f32 is of the paper's world
     #[arg(long, value_enum, default_value_t = NumberArg::F32)]
     number: NumberArg,
     /// Folder for the results; made if it is not there
@@ -103,15 +103,49 @@ enum NumberArg {
 }
 
 pub(super) fn run_command(args: &RunArgs) -> Result<(), CliError> {
-    if !args.ideal {
-        if args.number != NumberArg::F32 {
-            return Err(CliError::NoEffect {
-                what: "--number",
-                beside: "without --ideal: a board with sensors computes in f32",
-            });
+    match (args.ideal, args.only_ideal()) {
+        (true, _) => run_ideal(args),
+        (false, None) => run_on_bench(args),
+        (false, Some(what)) if args.says_bench() => Err(CliError::NoEffect {
+            what,
+            beside: "on the bench, whose board computes in f32 and whose arm starts at its own equilibrium: leave it or --scenario, --set and --board out",
+        }),
+        (false, Some(what)) => {
+            say(format_args!(
+                "note: {what} is of the paper's world alone, without a board's counts: as with --ideal"
+            ));
+            run_ideal(args)
         }
-        return run_on_bench(args);
     }
+}
+
+impl RunArgs {
+    /// What was asked for that only the paper's world has, if anything.
+    fn only_ideal(&self) -> Option<&'static str> {
+        let simulation = &self.simulation;
+        if self.number != NumberArg::F32 {
+            return Some("another --number than f32");
+        }
+        if !matches!(simulation.start, None | Some(StartArg::Equilibrium)) {
+            return Some("another --start than equilibrium");
+        }
+        // What is wrong with the file is said by whoever runs.
+        let read = config::load(simulation.plant.as_deref(), "", config::parse_plant);
+        let starts = read.map_or(Start::Equilibrium, |(_, start)| start);
+        let other = starts != Start::Equilibrium && simulation.start.is_none();
+        other.then_some("another start than \"equilibrium\"")
+    }
+
+    /// Whether anything was said that only the bench has.
+    fn says_bench(&self) -> bool {
+        let scenario = &self.scenario;
+        let board = &self.simulation.common.board;
+        scenario.scenario.is_some() || !scenario.set.is_empty() || board.is_some()
+    }
+}
+
+/// `run` in the paper's world.
+fn run_ideal(args: &RunArgs) -> Result<(), CliError> {
     let output = Output::open(&args.out, args.simulation.inputs())?;
     let simulation = args.simulation.prepare()?;
     let Simulation {
@@ -182,20 +216,7 @@ fn run_on_bench(args: &RunArgs) -> Result<(), CliError> {
     }
     let mut setup = bench.config.scenario.middle();
     if let Some(file) = &simulation.plant {
-        let (plant, start) = config::load(Some(file), "", config::parse_plant)?;
-        if start != Start::Equilibrium {
-            return Err(CliError::NoEffect {
-                what: "start",
-                beside: "without --ideal: the bench starts at the plant's own equilibrium",
-            });
-        }
-        setup.apply(&plant);
-    }
-    if simulation.start.is_some() {
-        return Err(CliError::NoEffect {
-            what: "--start",
-            beside: "without --ideal: the bench starts at the plant's own equilibrium",
-        });
+        setup.apply(&config::load(Some(file), "", config::parse_plant)?.0);
     }
     let mut given = PlantParameters {
         elements: setup.elements,
@@ -205,7 +226,10 @@ fn run_on_bench(args: &RunArgs) -> Result<(), CliError> {
     simulation.adjust(&mut given, &mut Start::default())?;
     setup.elements = given.elements;
     setup.bending_stiffness_scale = given.bending_stiffness_scale;
-    let arm = setup.on_bench(&bench.planned.plan, 1)?;
+    let arm = setup.on_bench(plan, 1)?;
+    if bench.law.has_feedback() {
+        gains::warn(plan, &setup.plant(), &bench.law);
+    }
     let nothing = (Map::new(), Vec::new());
     let json = simulation.common.json;
     let figures = bench.run(output, &arm, "Flexor: run", nothing, json)?;
