@@ -357,6 +357,64 @@ fn paths_out_of_reach_and_drives_too_weak_are_named() {
 }
 
 #[test]
+fn whose_the_torque_limits_are_is_said() {
+    let out = folder("limits");
+    let path = |name: &str| out.join(name).to_str().unwrap().to_string();
+    let (arm, board, results) = (path("arm.toml"), path("board.toml"), path("results"));
+    let limits = "[limits]\ntorque_Nm = [33.0, 1.0]\ntorque_rate_Nm_s = [1e5, 1e5]\n";
+    std::fs::write(&arm, format!("{ARM}\n{limits}")).unwrap();
+    std::fs::write(&board, BOARD).unwrap();
+    for command in ["plan", "run"] {
+        for (files, of, said) in [
+            (
+                &[][..],
+                "plan",
+                &[
+                    "three times the plan's peaks",
+                    "[limits] in the arm file",
+                    "--board",
+                ][..],
+            ),
+            (&["--arm", &arm], "arm", &["33 and 1 N m, the arm file's"]),
+            (
+                &["--board", &board],
+                "plan_and_board",
+                &["three times the plan's peaks, no wider"],
+            ),
+            (
+                &["--arm", &arm, "--board", &board],
+                "arm_and_board",
+                &["the arm file's, no wider"],
+            ),
+        ] {
+            let arguments = [&[command, "--out", &results], files].concat();
+            let words = text(&flexor(&arguments).stdout);
+            let line = words.lines().find(|line| line.starts_with("torque limits"));
+            for word in said {
+                assert!(line.unwrap().contains(word), "no {word:?} in {line:?}");
+            }
+            let result = json(&flexor(&[&arguments[..], &["--json"]].concat()));
+            assert_eq!(result["torque_limits_of"], of);
+            for joint in [1, 2] {
+                let figure = |key: String| result[key.as_str()].as_f64().unwrap();
+                let limit = figure(format!("torque_limit{joint}_Nm"));
+                let peak = figure(format!("planned_torque{joint}_max_Nm"));
+                let own = [33.0, 1.0][joint - 1];
+                let expected = if of.starts_with("arm") {
+                    own
+                } else {
+                    3.0 * peak
+                };
+                assert!(
+                    (limit - expected).abs() <= 1e-12 * expected,
+                    "{of}: {limit}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
 fn demo_says_what_its_fast_case_needs() {
     let out = folder("demo_fast");
     let task = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/task_fast.toml");

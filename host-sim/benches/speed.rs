@@ -2,6 +2,7 @@
 
 use flexor_sim::analysis::stability::linear::{Linear, OperatingPoint};
 use flexor_sim::analysis::stability::path::Report;
+use flexor_sim::campaign::setup::BenchSetup;
 use flexor_sim::files::config;
 use flexor_sim::model::configuration::Surface;
 use flexor_sim::planner::limits::default_limits;
@@ -13,6 +14,7 @@ use flexor_sim::plant::bench::{
     CompliantArm, CompliantParameters, CompliantPlant, F64x4, SurfaceFeature, SurfaceProfile,
 };
 use flexor_sim::plant::spread::PlantVariant;
+use flexor_sim::simulation::bench::{self, BenchBoard, BenchTask, FailureLimits};
 use flexor_sim::simulation::cases;
 use flexor_sim::simulation::closed_loop::{RunOptions, Simulation};
 use flexor_sim::simulation::start::{Start, plant_for};
@@ -136,6 +138,31 @@ fn compliant<T: Lanes>(
             }
             plant
         });
+}
+
+/// What a campaign does with as many arms as `T` has lanes for 2 s at 5 kHz ticks, one core: eight
+/// elements on an ideal contact, sensors, counts, supervisor, drives. Lanes by time (s) times 2 s
+/// are times real time.
+#[divan::bench(types = [f64, F64x4])]
+fn campaign_2_s<T: Lanes>(bencher: divan::Bencher<'_, '_>) {
+    let plan = paper(2.0);
+    let image = table_fit::fit_table(&plan).expect("a table").image;
+    let law = config::parse_controller("example", config::DEFAULT_CONTROLLER).expect("valid");
+    let board = config::parse_board("example", config::DEFAULT_BOARD).expect("valid");
+    let task = BenchTask {
+        plan: &plan,
+        image: &image,
+        law: &law,
+        limits: &default_limits(&plan),
+        board: &BenchBoard::from(&board.parameters),
+        failure: &FailureLimits::default(),
+    };
+    let setup = BenchSetup {
+        elements: 8,
+        ..BenchSetup::default()
+    };
+    let arms = vec![setup.on_bench(&plan, 1).expect("an arm"); T::LANES];
+    bencher.bench(|| bench::run::<T>(&task, &arms, |_, _, _| ()));
 }
 
 /// Plant, measurement, controller in f32 and log: 2 s at 5 kHz ticks, single thread.

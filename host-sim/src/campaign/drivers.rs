@@ -178,12 +178,41 @@ pub struct Split {
     pub above: Share,
 }
 
+impl Split {
+    /// Whether a greater share of the runs below the threshold fails than of the others.
+    pub fn worse_below(&self) -> bool {
+        let (below, above) = (self.below, self.above);
+        below.failed * above.runs > above.failed * below.runs
+    }
+}
+
+/// Most thresholds that are looked for one after the other.
+const SPLITS_MAX: usize = 4;
+
+/// The threshold that parts failures from successes best; then the one that does so best among
+/// the runs on its better side, which shows a rarer cause behind a frequent one; and so on.
+pub fn splits(records: &CampaignRecords) -> Vec<Split> {
+    let mut runs: Vec<&RunRecord> = records.runs.iter().collect();
+    let mut found: Vec<Split> = vec![];
+    while let Some(split) = best_split(records.parameters.len(), &runs) {
+        let better_above = split.worse_below();
+        runs.retain(|run| {
+            let above = split.aspect.of(run.drawn[split.parameter]) >= split.threshold;
+            above == better_above
+        });
+        found.push(split);
+        if found.len() == SPLITS_MAX {
+            break;
+        }
+    }
+    found
+}
+
 /// The threshold that parts failures from successes best: a decision tree of one level, by the
 /// least Gini impurity of both sides, which have at least five runs each. `None` with fewer than
 /// [`RUNS_TO_SPLIT`] failures or successes, or where the best of all thresholds tried is one that
 /// chance explains.
-pub fn best_split(records: &CampaignRecords) -> Option<Split> {
-    let runs: Vec<&RunRecord> = records.runs.iter().collect();
+fn best_split(parameters: usize, runs: &[&RunRecord]) -> Option<Split> {
     let all = Share {
         failed: runs.iter().filter(|r| r.figures.outcome.failed()).count(),
         runs: runs.len(),
@@ -193,8 +222,8 @@ pub fn best_split(records: &CampaignRecords) -> Option<Split> {
     }
     let mut tried = 0;
     let mut best: Option<(f64, Split)> = None;
-    for parameter in 0..records.parameters.len() {
-        for aspect in aspects(&runs, parameter) {
+    for parameter in 0..parameters {
+        for aspect in aspects(runs, parameter) {
             let mut order: Vec<(f64, bool)> = runs
                 .iter()
                 .map(|r| (aspect.of(r.drawn[parameter]), r.figures.outcome.failed()))
@@ -363,7 +392,9 @@ mod tests {
     #[test]
     fn a_split_finds_the_threshold_and_counts_both_sides() {
         let low = campaign(200, |drawn| drawn[2] < 0.3);
-        let split = best_split(&low).unwrap();
+        let [split] = &splits(&low)[..] else {
+            panic!("no split")
+        };
         assert_eq!(
             (split.parameter, split.aspect, split.threshold),
             (2, Aspect::Value, 0.3)
@@ -375,13 +406,32 @@ mod tests {
         );
 
         let ends = campaign(200, |drawn| (drawn[0] - 0.5).abs() > 0.4);
-        let split = best_split(&ends).unwrap();
+        let [split] = &splits(&ends)[..] else {
+            panic!("no split")
+        };
         assert!(matches!(split.aspect, Aspect::DistanceFrom(_)), "{split:?}");
         assert!((split.threshold - 0.4).abs() < 0.01);
         assert_eq!(
             (split.below.failed, split.above.failed),
             (0, split.above.runs)
         );
+    }
+
+    #[test]
+    fn a_rare_cause_is_found_behind_a_frequent_one() {
+        let two = campaign(300, |drawn| drawn[2] < 0.3 || drawn[0] > 0.93);
+        let found = splits(&two);
+        let causes: Vec<usize> = found.iter().map(|split| split.parameter).collect();
+        assert_eq!(causes, [2, 0]);
+        assert!(found[0].worse_below() && !found[1].worse_below());
+        assert!((found[1].threshold - 0.93).abs() < 0.01, "{found:?}");
+        assert_eq!(
+            (found[1].above.failed, found[1].below.failed),
+            (found[1].above.runs, 0)
+        );
+        let left = found[0].above;
+        assert_eq!(found[1].above.runs + found[1].below.runs, left.runs);
+        assert_eq!(found[1].above.failed, left.failed);
     }
 
     #[test]
@@ -392,15 +442,15 @@ mod tests {
             (drawn, run % 4 == 0, 1.0)
         });
         let by_chance = records(3, runs.collect());
-        assert_eq!(best_split(&by_chance), None);
+        assert_eq!(splits(&by_chance), []);
         assert!(
             of_failure(&by_chance)
                 .iter()
                 .all(|driver| !driver.significant)
         );
         // Too few failures.
-        assert_eq!(best_split(&campaign(200, |drawn| drawn[2] < 0.04)), None);
-        assert_eq!(best_split(&CampaignRecords::default()), None);
+        assert_eq!(splits(&campaign(200, |drawn| drawn[2] < 0.04)), []);
+        assert_eq!(splits(&CampaignRecords::default()), []);
     }
 
     #[test]

@@ -8,7 +8,7 @@ use crate::campaign::record::{RunFigures, RunRecord};
 use crate::campaign::scenario::{Scenario, run_seed};
 use crate::plant::bench::F64x4;
 use crate::plant::bench::lanes::Lanes;
-use crate::simulation::bench::{self, ArmKind, BenchArm, BenchError, BenchTask};
+use crate::simulation::bench::{self, ArmKind, BenchArm, BenchError, BenchRow, BenchTask};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -54,8 +54,8 @@ pub struct Drawn {
 }
 
 impl Campaign<'_> {
-    /// The runs of these numbers, each handed to `done` as soon as it is over, in no order. Ends
-    /// early once `stop` is set.
+    /// The runs of these numbers, each handed to `done` as soon as it is over, in no order, with its
+    /// ticks if `ticks` says so. Ends early once `stop` is set.
     ///
     /// # Errors
     /// The first [`CampaignError`]; runs that were over before have been handed to `done`.
@@ -63,7 +63,8 @@ impl Campaign<'_> {
         &self,
         runs: &[u64],
         stop: &AtomicBool,
-        done: impl Fn(RunRecord) + Sync,
+        ticks: bool,
+        done: impl Fn(RunRecord, Vec<BenchRow>) + Sync,
     ) -> Result<(), CampaignError> {
         for some in runs.chunks(DRAWN_AT_A_TIME) {
             let drawn: Result<Vec<Drawn>, _> = some.par_iter().map(|run| self.draw(*run)).collect();
@@ -84,7 +85,9 @@ impl Campaign<'_> {
                 if stop.load(Ordering::Relaxed) {
                     return Ok(());
                 }
-                self.run_batch(batch)?.into_iter().for_each(&done);
+                let over = self.run_batch(batch, ticks)?;
+                over.into_iter()
+                    .for_each(|(record, ticks)| done(record, ticks));
                 Ok(())
             })?;
             if stop.load(Ordering::Relaxed) {
@@ -111,16 +114,36 @@ impl Campaign<'_> {
         })
     }
 
-    /// Runs of one kind, side by side.
-    fn run_batch(&self, batch: Vec<Drawn>) -> Result<Vec<RunRecord>, CampaignError> {
+    /// Runs of one kind, side by side, with their ticks if `ticks` says so.
+    fn run_batch(
+        &self,
+        batch: Vec<Drawn>,
+        ticks: bool,
+    ) -> Result<Vec<(RunRecord, Vec<BenchRow>)>, CampaignError> {
         let arms: Vec<BenchArm> = batch.iter().map(|drawn| drawn.arm.clone()).collect();
+        let mut logs = vec![Vec::new(); arms.len()];
+        let log = |lane: usize, row: &BenchRow| {
+            if ticks {
+                logs[lane].push(*row);
+            }
+        };
         let figures = match arms.len() {
-            1 => bench::run::<f64>(&self.task, &arms, |_, _, _| ()),
-            _ => bench::run::<F64x4>(&self.task, &arms, |_, _, _| ()),
+            1 => self.advance::<f64>(&arms, log),
+            _ => self.advance::<F64x4>(&arms, log),
         };
         let figures = figures.map_err(|source| batch[0].error(source))?;
-        let runs = batch.into_iter().zip(figures);
-        Ok(runs.map(|(drawn, figures)| drawn.record(figures)).collect())
+        let runs = batch.into_iter().zip(figures).zip(logs);
+        Ok(runs
+            .map(|((drawn, figures), log)| (drawn.record(figures), log))
+            .collect())
+    }
+
+    fn advance<T: Lanes>(
+        &self,
+        arms: &[BenchArm],
+        mut log: impl FnMut(usize, &BenchRow),
+    ) -> Result<Vec<RunFigures>, BenchError> {
+        bench::run::<T>(&self.task, arms, |lane, row, _| log(lane, row))
     }
 }
 

@@ -1,6 +1,6 @@
 //! Everything that is found in a campaign's runs, for the summary and the report.
 
-use super::drivers::{Driver, Split, best_split, of_failure, of_force_error};
+use super::drivers::{Driver, Split, of_failure, of_force_error, splits};
 use super::record::CampaignRecords;
 use super::statistics::Statistics;
 use super::verdict::{Judged, Limits};
@@ -16,8 +16,9 @@ pub struct Findings {
     pub failure_drivers: Vec<Driver>,
     /// What drives the force error's rms, the strongest first.
     pub force_drivers: Vec<Driver>,
-    /// The threshold that parts failures from successes best.
-    pub split: Option<Split>,
+    /// The thresholds that part failures from successes best, each among the better side of the
+    /// one before.
+    pub splits: Vec<Split>,
 }
 
 impl Findings {
@@ -29,7 +30,7 @@ impl Findings {
             statistics,
             failure_drivers: of_failure(records),
             force_drivers: of_force_error(records),
-            split: best_split(records),
+            splits: splits(records),
         }
     }
 

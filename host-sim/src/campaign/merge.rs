@@ -1,7 +1,8 @@
 //! The shards of a campaign put together again.
 
-use super::identity::CampaignIdentity;
+use super::identity::{CampaignIdentity, Shard};
 use super::record::CampaignRecords;
+use std::collections::BTreeMap;
 
 /// Most stretches of run numbers that a message names.
 const STRETCHES_MAX: usize = 8;
@@ -67,25 +68,22 @@ pub enum MergeError {
     },
 }
 
-/// Numbers, rising, as stretches of them: `3, 17-20 and 45`; of very many the first ones.
-fn stretches(numbers: &[u64]) -> String {
-    let parts: Vec<String> = numbers
-        .chunk_by(|a, b| a + 1 == *b)
-        .map(|stretch| match stretch {
-            [one] => one.to_string(),
-            [first, .., last] => format!("{first}-{last}"),
-            [] => String::new(),
-        })
-        .collect();
-    match parts.split_last() {
-        Some((last, [])) => last.clone(),
-        Some((last, others)) if others.len() < STRETCHES_MAX => {
-            format!("{} and {last}", others.join(", "))
-        }
-        _ => format!(
-            "{}, ...",
-            parts[..STRETCHES_MAX.min(parts.len())].join(", ")
-        ),
+/// Stretches of run numbers, first and last, as text: `3, 17-20 and 45`; of very many the first
+/// ones.
+fn named(stretches: &[[u64; 2]]) -> String {
+    let text = |[first, last]: &[u64; 2]| match first == last {
+        true => first.to_string(),
+        false => format!("{first}-{last}"),
+    };
+    let shown = &stretches[..stretches.len().min(STRETCHES_MAX)];
+    let mut parts: Vec<String> = shown.iter().map(text).collect();
+    if shown.len() < stretches.len() {
+        return format!("{}, ...", parts.join(", "));
+    }
+    let last = parts.pop().unwrap_or_default();
+    match parts.is_empty() {
+        true => last,
+        false => format!("{} and {last}", parts.join(", ")),
     }
 }
 
@@ -97,12 +95,12 @@ fn stretches(numbers: &[u64]) -> String {
 pub fn merge(shards: Vec<ShardResults>) -> Result<(CampaignIdentity, CampaignRecords), MergeError> {
     let first = shards.first().ok_or(MergeError::NoShards)?;
     let identity = CampaignIdentity {
-        shard: super::identity::Shard::ALL,
+        shard: Shard::ALL,
         ..first.identity.clone()
     };
     let parameters = first.records.parameters.clone();
     // Which shard has the run of this number.
-    let mut owner: Vec<Option<usize>> = vec![];
+    let mut owner: BTreeMap<u64, usize> = BTreeMap::new();
     for (place, shard) in shards.iter().enumerate() {
         let other = |difference| MergeError::OtherCampaign {
             first: first.name.clone(),
@@ -117,18 +115,15 @@ pub fn merge(shards: Vec<ShardResults>) -> Result<(CampaignIdentity, CampaignRec
         }
         for record in &shard.records.runs {
             let run = record.run;
-            let own = run < identity.runs && shard.identity.shard.holds(run);
-            let slot = usize::try_from(run).ok().filter(|_| own);
-            let slot = slot.ok_or_else(|| MergeError::OtherShard {
-                name: shard.name.clone(),
-                run,
-                shard: shard.identity.shard.to_string(),
-                runs: identity.runs,
-            })?;
-            if owner.len() <= slot {
-                owner.resize(slot + 1, None);
+            if run >= identity.runs || !shard.identity.shard.holds(run) {
+                return Err(MergeError::OtherShard {
+                    name: shard.name.clone(),
+                    run,
+                    shard: shard.identity.shard.to_string(),
+                    runs: identity.runs,
+                });
             }
-            if let Some(before) = owner[slot].replace(place) {
+            if let Some(before) = owner.insert(run, place) {
                 return Err(MergeError::Overlap {
                     run,
                     first: shards[before].name.clone(),
@@ -137,30 +132,30 @@ pub fn merge(shards: Vec<ShardResults>) -> Result<(CampaignIdentity, CampaignRec
             }
         }
     }
-    check_complete(&owner, identity.runs)?;
+    let missing = gaps(owner.keys().copied(), identity.runs);
+    if !missing.is_empty() {
+        return Err(MergeError::Missing {
+            missing: identity.runs - owner.len() as u64,
+            runs: identity.runs,
+            named: named(&missing),
+        });
+    }
     let mut runs: Vec<_> = shards.into_iter().flat_map(|s| s.records.runs).collect();
     runs.sort_by_key(|record| record.run);
     Ok((identity, CampaignRecords { parameters, runs }))
 }
 
-/// Names the runs that nobody has.
-fn check_complete(owner: &[Option<usize>], runs: u64) -> Result<(), MergeError> {
-    let nobody = |run: &u64| {
-        let slot = usize::try_from(*run).ok();
-        slot.and_then(|slot| owner.get(slot))
-            .is_none_or(Option::is_none)
-    };
-    let there = owner.iter().flatten().count() as u64;
-    if there == runs {
-        return Ok(());
+/// The stretches of numbers below `end`, first and last, that are not among `numbers`, which rise.
+fn gaps(numbers: impl Iterator<Item = u64>, end: u64) -> Vec<[u64; 2]> {
+    let mut gaps = vec![];
+    let mut next = 0;
+    for number in numbers.chain([end]) {
+        if next < number {
+            gaps.push([next, number - 1]);
+        }
+        next = number.saturating_add(1);
     }
-    // A campaign can be larger than memory has room for numbers: enough for the message.
-    let missing: Vec<u64> = (0..runs).filter(nobody).take(owner.len() + 1_000).collect();
-    Err(MergeError::Missing {
-        missing: runs - there,
-        runs,
-        named: stretches(&missing),
-    })
+    gaps
 }
 
 #[cfg(test)]
@@ -276,10 +271,10 @@ mod tests {
         shard.identity.runs = u64::MAX;
         let error = merge(vec![shard]).unwrap_err().to_string();
         assert!(
-            error.starts_with(&format!("{} of", u64::MAX - 3)),
+            error.ends_with(&format!("missing: 3-{}", u64::MAX - 1)),
             "{error}"
         );
-        let many: Vec<u64> = (0..40).map(|i| 2 * i).collect();
-        assert_eq!(stretches(&many), "0, 2, 4, 6, 8, 10, 12, 14, ...");
+        let many: Vec<[u64; 2]> = (0..40).map(|i| [2 * i, 2 * i]).collect();
+        assert_eq!(named(&many), "0, 2, 4, 6, 8, 10, 12, 14, ...");
     }
 }

@@ -13,13 +13,15 @@ use crate::campaign::statistics::Statistics;
 use crate::files::campaign_parquet::rows_parquet;
 use crate::files::campaign_rows::{RowWriter, WholeRows, read_rows, read_rows_lenient, rows_csv};
 use crate::files::campaign_summary::summary_json;
+use crate::files::ticks_parquet::ticks_parquet;
 use crate::files::{config, export};
+use crate::simulation::bench::BenchRow;
 use crate::text::{Shortest, four_digits};
 use clap::{Args, Subcommand, ValueEnum};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions};
-use std::io;
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -180,29 +182,41 @@ fn runs(args: &CampaignArgs) -> Result<(), CliError> {
         .collect();
     let progress = progress_bar(left.len() as u64, "runs, {eta} left");
     let since = Instant::now();
-    let write_all = (args.write == WriteArg::All).then(|| output.partial().join("runs"));
-    if let Some(folder) = &write_all {
-        std::fs::create_dir_all(folder).map_err(|cause| CliError::Unwritable {
-            file: folder.clone(),
-            cause,
-        })?;
+    let all = args.write == WriteArg::All;
+    let ticks = output.keep("runs")?;
+    if all {
+        std::fs::create_dir_all(&ticks).map_err(unwritable(&ticks))?;
     }
     let failed = Mutex::new(None);
     let stop = AtomicBool::new(false);
     let shared = Mutex::new(&mut checkpoint);
-    campaign.run_all(&left, &stop, |record| {
+    let ended = campaign.run_all(&left, &stop, all, |record, rows| {
         progress.inc(1);
+        let written = if all {
+            write_ticks(&ticks, record.run, &rows)
+        } else {
+            Ok(())
+        };
         let mut checkpoint = shared.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Err(error) = checkpoint.add(record) {
+        // In this order: a run that is there has its ticks.
+        if let Err(error) = written.and_then(|()| checkpoint.add(record)) {
             stop.store(true, Ordering::Relaxed);
             *failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
         }
-    })?;
+    });
     progress.finish_and_clear();
+    if ended.is_err() && checkpoint.records.runs.is_empty() {
+        output.forget();
+    }
+    ended?;
     if let Some(error) = failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
         return Err(error);
     }
     let wall_s = since.elapsed().as_secs_f64();
+    if all {
+        let place = output.partial().join("runs");
+        std::fs::rename(&ticks, &place).map_err(unwritable(&place))?;
+    }
     let plan = &bench.planned.plan;
     let simulated_s = left.len() as f64 * plan.points.len() as f64 / f64::from(plan.tick_rate_hz);
     let factor = if left.is_empty() {
@@ -220,6 +234,23 @@ fn runs(args: &CampaignArgs) -> Result<(), CliError> {
     results.report(output, args.common.json)
 }
 
+/// The error of a file that cannot be written.
+fn unwritable(file: &Path) -> impl FnOnce(io::Error) -> CliError {
+    let file = file.to_path_buf();
+    move |cause| CliError::Unwritable { file, cause }
+}
+
+/// Writes the ticks of a run into `folder`.
+fn write_ticks(folder: &Path, run: u64, rows: &[BenchRow]) -> Result<(), CliError> {
+    let file = folder.join(format!("{run:06}.parquet"));
+    let write = || {
+        let mut writer = BufWriter::new(File::create(&file)?);
+        ticks_parquet(rows, &mut writer)?;
+        writer.flush()
+    };
+    write().map_err(unwritable(&file))
+}
+
 /// The runs so far, in a place that outlives a kill.
 struct Checkpoint {
     records: CampaignRecords,
@@ -235,10 +266,6 @@ impl Checkpoint {
         scenario: &Scenario,
     ) -> Result<Self, CliError> {
         let (file, other) = (output.keep("rows.csv")?, output.keep("campaign.json")?);
-        let unwritable = |file: &Path| {
-            let file = file.to_path_buf();
-            move |cause| CliError::Unwritable { file, cause }
-        };
         let parameters: Vec<String> = scenario.spread_keys().map(String::from).collect();
         if let Some(whole) = left_there(&file, &other, identity)
             && whole.records.parameters == parameters

@@ -148,6 +148,11 @@ impl Output {
         Ok(kept.join(name))
     }
 
+    /// Removes what [`keep`](Self::keep) has places for: there is nothing in it worth finding.
+    pub(super) fn forget(&self) {
+        remove_folder(&self.folder.join(KEPT));
+    }
+
     /// Puts the files in place of the older result, which moves to `previous`.
     ///
     /// # Errors

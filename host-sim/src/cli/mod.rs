@@ -171,8 +171,8 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
 
 impl Common {
     /// The files that are read.
-    fn inputs(&self) -> [Option<&Path>; 2] {
-        [self.arm.as_deref(), self.task.as_deref()]
+    fn inputs(&self) -> [Option<&Path>; 3] {
+        [&self.arm, &self.task, &self.board].map(|file| file.as_deref())
     }
 
     fn load(&self) -> Result<(ArmConfig, Task), CliError> {

@@ -98,6 +98,42 @@ pub(super) struct Planned {
     pub(super) plan_ms: f64,
     pub(super) table_ms: f64,
     pub(super) limits: LimitParameters,
+    limits_of: LimitsOf,
+}
+
+/// Whose the limits of a plan's torques are.
+#[derive(Clone, Copy)]
+struct LimitsOf {
+    /// The arm file's; else those that are derived from the plan.
+    arm: bool,
+    /// And no wider than those of the drives in a board's file.
+    board: bool,
+}
+
+impl LimitsOf {
+    /// Its name in `summary.json`.
+    fn name(self) -> &'static str {
+        match (self.arm, self.board) {
+            (true, false) => "arm",
+            (true, true) => "arm_and_board",
+            (false, false) => "plan",
+            (false, true) => "plan_and_board",
+        }
+    }
+
+    /// The same for a reader, and what to do where nothing is known.
+    fn words(self) -> &'static str {
+        match (self.arm, self.board) {
+            (true, false) => "the arm file's",
+            (true, true) => "the arm file's, no wider than what the board's drives give",
+            (false, false) => {
+                "three times the plan's peaks, as nothing is known of the drives: [limits] in the arm file, or --board FILE, says what they give"
+            }
+            (false, true) => {
+                "three times the plan's peaks, no wider than what the board's drives give"
+            }
+        }
+    }
 }
 
 /// The torque limits to run a plan with: the arm's, or without any wide ones of the plan's own; no
@@ -166,6 +202,10 @@ impl Common {
         let plan_ms = milliseconds(since);
         let named = self.board.as_deref().map(|file| (file, &board.parameters));
         let limits = limits(arm, named, &plan)?;
+        let limits_of = LimitsOf {
+            arm: arm.limits.is_some(),
+            board: named.is_some(),
+        };
         let since = Instant::now();
         let table = table_fit::fit_table(&plan)?;
         for word in doubts(&plan, &limits) {
@@ -177,6 +217,7 @@ impl Common {
             plan_ms,
             table_ms: milliseconds(since),
             limits,
+            limits_of,
         })
     }
 }
@@ -222,6 +263,9 @@ impl Planned {
             ("planned_torque2_max_Nm", json!(peaks.torque[1])),
             ("planned_power1_max_W", json!(peaks.power[0])),
             ("planned_power2_max_W", json!(peaks.power[1])),
+            ("torque_limit1_Nm", json!(self.limits.torque_nm[0])),
+            ("torque_limit2_Nm", json!(self.limits.torque_nm[1])),
+            ("torque_limits_of", json!(self.limits_of.name())),
             (
                 "initial_slope_rate_rad_s",
                 json!(self.plan.points[0].root_slope_rate),
@@ -241,8 +285,11 @@ impl Planned {
             ("planned in", format!(
                 "{:.1} ms, {intervals} intervals, {iterations} Newton steps; the table in {:.1} ms",
                 self.plan_ms, self.table_ms)),
-            ("deflection error estimate", format!("{:.1e} rad, m", plan.error_estimate())),
+            ("deflection error estimate", format!("{:.1e} rad, of the length", plan.error_estimate())),
             ("planned torque", format!("up to {:.4} and {:.4} N m", peaks.torque[0], peaks.torque[1])),
+            ("torque limits", format!(
+                "{} and {} N m, {}", four_digits(self.limits.torque_nm[0]),
+                four_digits(self.limits.torque_nm[1]), self.limits_of.words())),
             ("planned power", format!("up to {:.3} and {:.3} W", peaks.power[0], peaks.power[1])),
             ("slope rate at the start", format!("{:.2e} rad/s", plan.points[0].root_slope_rate)),
             ("feedforward table", format!(

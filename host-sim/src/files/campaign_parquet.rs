@@ -42,7 +42,7 @@ fn schema(parameters: &[String]) -> Result<Type> {
 }
 
 /// Writes the next column.
-fn put<T: DataType>(
+pub(super) fn put<T: DataType>(
     group: &mut SerializedRowGroupWriter<'_, impl Write + Send>,
     values: impl Iterator<Item = T::T>,
 ) -> Result<()> {

@@ -12,7 +12,8 @@ use serde_json::{Map, Value, json};
 /// `fail_rate_ci95` is the two ends of the failure rate's confidence interval; every figure an
 /// object with `median`, `p95` and `max` over the runs that did not fail; `holds` is whether all
 /// limits of `verdict` do. Of `failure_drivers` and `force_drivers`, strongest first, `of` is
-/// `value`, or `distance` where the parameter does harm at both ends, from its median `from`.
+/// `value`, or `distance` where the parameter does harm at both ends, from its median `from`. Each
+/// of `failure_splits` is among the better side of the one before.
 pub fn summary_json(findings: &Findings, parameters: &[String]) -> Map<String, Value> {
     let s = &findings.statistics;
     let outcomes: Map<String, Value> = s
@@ -35,15 +36,15 @@ pub fn summary_json(findings: &Findings, parameters: &[String]) -> Map<String, V
         let of = |driver| driver_json(driver, parameters);
         drivers.iter().map(of).collect()
     };
-    let split = findings.split.as_ref();
+    let splits = findings.splits.iter();
     summary.extend(object([
         ("verdict", json!(findings.verdict)),
         ("holds", json!(findings.holds())),
         ("failure_drivers", drivers(&findings.failure_drivers)),
         ("force_drivers", drivers(&findings.force_drivers)),
         (
-            "failure_split",
-            json!(split.map(|split| split_json(split, parameters))),
+            "failure_splits",
+            splits.map(|split| split_json(split, parameters)).collect(),
         ),
     ]));
     summary
@@ -134,9 +135,9 @@ mod tests {
         assert_eq!(json["failure_drivers"][0]["parameter"], "c.d");
         assert_eq!(json["failure_drivers"][0]["of"], "value");
         assert_eq!(
-            json["failure_split"],
-            json!({"parameter": "c.d", "of": "value", "threshold": 12.0,
-                "below": {"failed": 12, "runs": 12}, "above": {"failed": 0, "runs": 28}})
+            json["failure_splits"],
+            json!([{"parameter": "c.d", "of": "value", "threshold": 12.0,
+                "below": {"failed": 12, "runs": 12}, "above": {"failed": 0, "runs": 28}}])
         );
     }
 

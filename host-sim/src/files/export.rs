@@ -39,12 +39,12 @@ pub fn plan_csv(plan: &Plan, writer: impl Write) -> io::Result<()> {
         .map(String::from),
     );
     csv.write_record(&header)?;
-    let mut row: Vec<String> = Vec::with_capacity(header.len());
+    let mut row: Vec<f64> = Vec::with_capacity(header.len());
     for (tick, point) in (0..).zip(&plan.points) {
         row.clear();
         let power = point.power();
         let joint = point.joint;
-        let mut put = |values: &[f64]| row.extend(values.iter().map(f64::to_string));
+        let mut put = |values: &[f64]| row.extend(values);
         put(&[point.t]);
         put(&joint.angle);
         put(plan.deflection_at(tick));
@@ -53,7 +53,7 @@ pub fn plan_csv(plan: &Plan, writer: impl Write) -> io::Result<()> {
         put(&joint.rate);
         put(&point.tip.position);
         put(&power);
-        csv.write_record(&row)?;
+        csv.serialize(&row)?;
     }
     csv.flush()
 }
@@ -68,7 +68,7 @@ pub fn run_csv(run: &Run, writer: impl Write) -> io::Result<()> {
     let mut csv = csv::Writer::from_writer(writer);
     csv.write_record(RUN_COLUMNS)?;
     for row in &run.rows {
-        csv.write_record(run_values(row).map(|x| x.to_string()))?;
+        csv.serialize(run_values(row))?;
     }
     csv.flush()
 }
@@ -140,34 +140,50 @@ fn run_values(row: &LogRow) -> [f64; 16] {
 /// Writes a run on the bench as CSV, one row a tick: the columns of [`run_csv`], then what only the
 /// bench has: friction on the surface and moment at link 2's root, the motors' angles, what the
 /// drives tend to, the counts that the board read, and the number of the fault that it has latched
-/// (0 for none). `limited` and torques are the board's commands.
+/// (0 for none). All but the time has single precision, more than any sensor has: half as many
+/// digits to write. `limited` and torques are the board's commands.
 ///
 /// # Errors
 /// The writer's.
 #[cfg(feature = "bench")]
 pub fn bench_csv(rows: &[BenchRow], writer: impl Write) -> io::Result<()> {
     let mut csv = csv::Writer::from_writer(writer);
-    csv.write_record(RUN_COLUMNS.iter().chain(&BENCH_COLUMNS))?;
+    csv.write_record(bench_columns())?;
     for row in rows {
-        let r = &row.reading;
-        let raw = &row.sample;
-        let own = [
-            r.friction_force,
-            r.root_moment,
-            r.motor_angle[0],
-            r.motor_angle[1],
-            row.target[0],
-            row.target[1],
-            f64::from(raw.encoder[0]),
-            f64::from(raw.encoder[1]),
-            f64::from(raw.force),
-            f64::from(raw.strain),
-            f64::from(row.fault.map_or(0, Fault::number)),
-        ];
-        let common = run_values(&LogRow::from(row));
-        csv.write_record(common.iter().chain(&own).map(ToString::to_string))?;
+        let values = bench_values(row);
+        csv.serialize((values[0], &values.map(|value| value as f32)[1..]))?;
     }
     csv.flush()
+}
+
+/// The columns of a run on the bench.
+#[cfg(feature = "bench")]
+pub(super) fn bench_columns() -> impl Iterator<Item = &'static str> {
+    RUN_COLUMNS.into_iter().chain(BENCH_COLUMNS)
+}
+
+/// Their values.
+#[cfg(feature = "bench")]
+pub(super) fn bench_values(row: &BenchRow) -> [f64; RUN_COLUMNS.len() + BENCH_COLUMNS.len()] {
+    let (r, raw) = (&row.reading, &row.sample);
+    let own = [
+        r.friction_force,
+        r.root_moment,
+        r.motor_angle[0],
+        r.motor_angle[1],
+        row.target[0],
+        row.target[1],
+        f64::from(raw.encoder[0]),
+        f64::from(raw.encoder[1]),
+        f64::from(raw.force),
+        f64::from(raw.strain),
+        f64::from(row.fault.map_or(0, Fault::number)),
+    ];
+    let common = run_values(&LogRow::from(row));
+    core::array::from_fn(|i| match i.checked_sub(common.len()) {
+        None => common[i],
+        Some(i) => own[i],
+    })
 }
 
 /// What a run on the bench has besides [`summary_json`].

@@ -9,3 +9,5 @@ pub mod campaign_summary;
 pub mod config;
 #[cfg(feature = "export")]
 pub mod export;
+#[cfg(feature = "campaign")]
+pub mod ticks_parquet;

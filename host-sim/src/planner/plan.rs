@@ -16,9 +16,8 @@ use crate::model::configuration::{Configuration, Surface};
 use crate::model::dynamics;
 use crate::model::dynamics::Motion;
 use crate::model::printed::inverse_as_printed;
-use crate::planner::collocation;
 use crate::planner::collocation::Solution;
-use crate::planner::elastic_bvp::{Deflection, first_mesh, largest};
+use crate::planner::elastic_bvp::{Deflection, largest, rigid_torque};
 use crate::planner::path::{LinePath, Profile, TipMotion};
 use crate::planner::task::{Equations, PlanError, Task, surface};
 use crate::planner::zeros::{fastest_zero, window_length};
@@ -143,9 +142,12 @@ fn check_path(model: &ArmModel, path: &LinePath) -> Result<(), PlanError> {
     Ok(())
 }
 
-/// Tolerated error of the torques for one of the deflection, N m/rad: with 1e-7 rad, 5e-7 N m
-/// by an estimate that is some 10 times too large.
-const TORQUE_PER_DEFLECTION: f64 = 5.0;
+/// Tolerated error of the torques for one of the deflection: a share of the [`rigid_torque`] per
+/// rad. With 1e-7 rad on the paper's task 5e-7 N m, by an estimate that is some 10 times too large.
+const TORQUE_SHARE_PER_RAD: f64 = 15.0;
+
+/// Torques beyond this many times those of a rigid arm are no plan.
+const TORQUE_RATIO_MAX: f64 = 1e6;
 
 /// How to plan.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -156,7 +158,7 @@ pub struct PlanOptions {
     pub tick_rate_hz: u32,
     /// The equations to use.
     pub equations: Equations,
-    /// Largest error of the deflection, rad and m.
+    /// Largest error of the deflection, rad and share of link 2's length.
     pub tolerance: f64,
 }
 
@@ -199,7 +201,7 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
         ..
     } = *options;
     let model = ArmModel::new(arm, elements)?;
-    let surface = surface(task)?;
+    let surface = surface(task, arm)?;
     let force = surface.normal.map(|n| n * task.normal_force);
     let path = task.path;
     check_path(&model, &path)?;
@@ -220,18 +222,12 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
         resting(&model, start, force, equations).ok_or(PlanError::Buckled { end: false })?;
     let rest_end =
         resting(&model, end, force, equations).ok_or(PlanError::Buckled { end: true })?;
-    let problem = Deflection {
-        model: &model,
-        path: &path,
-        force,
-        as_printed: equations == Equations::AsPrinted,
-        mass: dynamics::eliminated_mass(&model),
-        tolerance: [options.tolerance, TORQUE_PER_DEFLECTION * options.tolerance],
-        resolution: 0.1 / fastest_zero(&model, start, force)?,
-    };
-    let mesh = first_mesh(span, path.duration, problem.resolution);
-    let solution =
-        collocation::solve(&problem, mesh, [rest_start.as_slice(), rest_end.as_slice()])?;
+    let torque_nm = rigid_torque(&model, &path, force);
+    let fastest_s = 1.0 / fastest_zero(&model, start, force)?.max(1.0 / path.duration);
+    let tolerance = options.tolerance;
+    let tolerance = [tolerance, TORQUE_SHARE_PER_RAD * torque_nm * tolerance];
+    let problem = Deflection::new(&model, &path, force, equations, tolerance, 0.1 * fastest_s);
+    let solution = problem.solve(span, [&rest_start, &rest_end])?;
 
     let mut plan = Plan {
         branch: Branch::of(&path),
@@ -244,14 +240,14 @@ pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<P
         points: Vec::with_capacity(ticks as usize + 1),
         deflection: Vec::with_capacity((ticks as usize + 1) * model.dof()),
         peaks: Peaks::default(),
-        solution: solution.transformed(&model.coordinates),
+        solution,
         model,
     };
     let estimate = plan.error_estimate();
     if !(estimate <= 1e-2) {
         return Err(PlanError::Inaccurate { estimate });
     }
-    plan.tabulate()?;
+    plan.tabulate(TORQUE_RATIO_MAX * torque_nm)?;
     Ok(plan)
 }
 
@@ -277,8 +273,11 @@ fn ticks(
     tick_rate_hz: u32,
 ) -> Result<(u32, u32), PlanError> {
     let rate = f64::from(tick_rate_hz);
-    let pre = window_length(model, task.pre_actuation, ends[0], force, true)?;
-    let post = window_length(model, task.post_actuation, ends[1], force, false)?;
+    let longest_s = TICKS_MAX / rate;
+    let window =
+        |window, angle, before| window_length(model, window, (angle, force), before, longest_s);
+    let pre = window(task.pre_actuation, ends[0], true)?;
+    let post = window(task.post_actuation, ends[1], false)?;
     let duration = task.path.duration;
     let refuse = |what, value_s: f64, accepted: String| PlanError::Duration {
         what,
@@ -293,7 +292,7 @@ fn ticks(
     }
     let total = pre + duration + post;
     if !(total * rate <= TICKS_MAX) {
-        let longest = Shortest(TICKS_MAX / rate);
+        let longest = Shortest(longest_s);
         let accepted = format!("up to {} ({longest} s)", Shortest(TICKS_MAX));
         return Err(refuse("the whole motion", total, accepted));
     }
@@ -330,10 +329,11 @@ fn resting(
 }
 
 impl Plan {
-    /// Estimated largest error of the deflection, rad and m.
+    /// Estimated largest error of the deflection, rad or share of link 2's length.
     pub fn error_estimate(&self) -> f64 {
+        let length_m = self.model.arm.link2_length_m;
         self.solution
-            .error_estimate(|q| largest(self.model.deflection(q).as_slice()))
+            .error_estimate(|q| largest(self.model.deflection(q).as_slice(), length_m))
     }
 
     /// Intervals of the boundary-value problem's mesh, and Newton iterations spent.
@@ -410,8 +410,8 @@ impl Plan {
         }
     }
 
-    /// Fills the points, deflections and peaks.
-    fn tabulate(&mut self) -> Result<(), PlanError> {
+    /// Fills the points, deflections and peaks; refuses torques beyond `limit_nm`, N m.
+    fn tabulate(&mut self, limit_nm: f64) -> Result<(), PlanError> {
         let mut points = core::mem::take(&mut self.points);
         let mut deflection = core::mem::take(&mut self.deflection);
         let mut peaks = Peaks::default();
@@ -429,15 +429,14 @@ impl Plan {
             let power = point.power();
             for joint in 0..2 {
                 let torque = point.torque[joint];
-                const LIMIT: f64 = 1e6;
-                if !(torque.abs() <= LIMIT) {
+                if !(torque.abs() <= limit_nm) {
                     let what = ["torque tau1 (N m)", "torque tau2 (N m)"][joint];
                     let (value, t_s) = (torque, point.t);
                     return Err(PlanError::Excessive {
                         what,
                         value,
                         t_s,
-                        limit: LIMIT,
+                        limit: limit_nm,
                     });
                 }
                 peaks.torque[joint] = peaks.torque[joint].max(torque.abs());

@@ -5,7 +5,7 @@ use crate::model::configuration::Surface;
 use crate::planner::collocation::CollocationError;
 use crate::planner::path::LinePath;
 use crate::text::{Shortest, four_digits};
-use flexor::model::KinematicsError;
+use flexor::model::{ArmParameters, KinematicsError};
 
 /// Which equations the planner uses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -62,8 +62,13 @@ pub enum PlanError {
         source: KinematicsError,
     },
     /// The path is a point.
-    #[error("path.from_m and path.to_m are the same point ({:.4}, {:.4}) m: a path longer than 1e-6 m is accepted", .0[0], .0[1])]
-    NoPath([f64; 2]),
+    #[error("path.from_m and path.to_m are the same point ({}, {}) m: a path longer than {} m is accepted", Shortest(point_m[0]), Shortest(point_m[1]), four_digits(*least_m))]
+    NoPath {
+        /// The point, m.
+        point_m: [f64; 2],
+        /// Shortest path that is accepted, m.
+        least_m: f64,
+    },
     /// The force's direction does not choose between the path's normals.
     #[error("force.direction = [{}, {}] runs along the path: a direction with a component across it is accepted", Shortest(.0[0]), Shortest(.0[1]))]
     Direction([f64; 2]),
@@ -87,7 +92,7 @@ pub enum PlanError {
     },
     /// No real part of a zero to derive a window from.
     #[error(
-        "{what} = \"auto\" cannot be derived: the arm's slowest zero there decays at {} 1/s; give a number of seconds",
+        "{what} = \"auto\" cannot be derived: the arm's slowest zero there decays at {} 1/s, which takes longer than a plan may; give a number of seconds",
         four_digits(*rate_per_s)
     )]
     NoWindow {
@@ -138,7 +143,7 @@ pub enum PlanError {
     },
     /// The deflection found is not good enough to be used.
     #[error(
-        "the planned deflection is only good to {estimate:.1e} rad or m, 1e-2 is accepted; a longer duration_s, pre_actuation_s or fewer link2.elements make it better"
+        "the planned deflection is only good to {estimate:.1e} rad or of link 2's length, 1e-2 is accepted; a longer duration_s, pre_actuation_s or fewer link2.elements make it better"
     )]
     Inaccurate {
         /// Estimated error.
@@ -149,12 +154,18 @@ pub enum PlanError {
     Model(#[from] ModelError),
 }
 
-/// Unit normal of the surface along `task`'s path, into which the tip presses.
-pub(super) fn surface(task: &Task) -> Result<Surface, PlanError> {
+/// Unit normal of the surface along `task`'s path, into which the tip of `arm` presses.
+pub(super) fn surface(task: &Task, arm: &ArmParameters) -> Result<Surface, PlanError> {
+    /// Shortest path, as a share of the arm's reach.
+    const LEAST: f64 = 1e-6;
     let path = &task.path;
     let length = path.length();
-    if !(length > 1e-6) {
-        return Err(PlanError::NoPath(path.from));
+    let least_m = LEAST * (arm.link1_length_m + arm.link2_length_m);
+    if !(length > least_m) {
+        return Err(PlanError::NoPath {
+            point_m: path.from,
+            least_m,
+        });
     }
     let along = [
         (path.to[0] - path.from[0]) / length,

@@ -7,6 +7,7 @@ use crate::model::configuration::Configuration;
 use crate::model::dynamics;
 use crate::planner::task::{PlanError, Window};
 use flexor::model::JointMotion;
+use nalgebra::linalg::balancing::balance_parlett_reinsch;
 use nalgebra::{Complex, DMatrix};
 
 /// Zeros of the arm at rest at `angle` under `force` (N, inertial axes): growth rates,
@@ -33,6 +34,11 @@ fn zeros_of(model: &ArmModel, angle: [f64; 2], force: [f64; 2]) -> Vec<Complex<f
             system.view_mut((n, column), (n, n)).copy_from(&solved);
         }
     }
+    // Metres and radians, and rates of 1/s to 1e5 1/s, side by side: unbalanced, what the smallest
+    // zeros lose by rounding would depend on the units. (It would not end for infinite numbers.)
+    if system.iter().all(|x| x.is_finite()) {
+        balance_parlett_reinsch(&mut system);
+    }
     system.complex_eigenvalues().iter().copied().collect()
 }
 
@@ -49,7 +55,7 @@ pub fn slowest_zeros(model: &ArmModel, angle: [f64; 2], force: [f64; 2]) -> [f64
     [slowest(1.0), -slowest(-1.0)]
 }
 
-/// Magnitude, 1/s and at least 1, of the fastest zero of the arm at rest at `angle` under
+/// Magnitude, 1/s, of the fastest zero of the arm at rest at `angle` under
 /// `force` (N, inertial axes).
 ///
 /// # Errors
@@ -71,20 +77,21 @@ pub(super) fn fastest_zero(
     Ok(zeros
         .iter()
         .map(|zero| libm::hypot(zero.re, zero.im))
-        .fold(1.0, f64::max))
+        .fold(0.0, f64::max))
 }
 
-/// Length of a window, s, at the joint angles `angle`; `growing` before the motion,
-/// decaying after it.
+/// Length of a window, s, for the arm at rest at the joint angles `angle` under `force` (N,
+/// inertial axes): until the slowest growing zero has grown, `before` the motion, or the slowest
+/// decaying one has decayed, after it.
 ///
 /// # Errors
-/// [`PlanError::NoWindow`] where no zero of that sign decays within a minute.
+/// [`PlanError::NoWindow`] where no zero of that sign does so within `longest_s`.
 pub(super) fn window_length(
     model: &ArmModel,
     window: Window,
-    angle: [f64; 2],
-    force: [f64; 2],
+    (angle, force): ([f64; 2], [f64; 2]),
     before: bool,
+    longest_s: f64,
 ) -> Result<f64, PlanError> {
     match window {
         Window::Fixed(seconds) => Ok(seconds),
@@ -92,8 +99,8 @@ pub(super) fn window_length(
             let [growing, decaying] = slowest_zeros(model, angle, force);
             let rate_per_s = if before { growing } else { -decaying };
             let seconds = -libm::log(tolerance) / rate_per_s;
-            // A minute of waiting is no plan; infinite where no zero has that sign.
-            if rate_per_s.is_finite() && seconds <= 60.0 {
+            // Infinite where no zero has that sign.
+            if rate_per_s.is_finite() && seconds <= longest_s {
                 Ok(seconds)
             } else {
                 let what = if before {

@@ -33,11 +33,13 @@ pub enum PilError {
     },
     /// The task's table is in neither slot.
     #[error(
-        "the microcontroller does not have this task's table (checksum {wanted:#010x}): slot A {a}, slot B {b}; `flexor plan` with the same arm, task and rate writes it, `cargo xtask flash --table out/plan/table.bin --slot b` puts it into slot B"
+        "the microcontroller does not have this task's table ({wanted:#010x} of task {task:#010x}): slot A {a}, slot B {b}; `flexor plan` with the same arm, task and rate writes it, `cargo xtask flash --table out/plan/table.bin --slot b` puts it into slot B"
     )]
     OtherTable {
         /// Checksum of the task's.
         wanted: u32,
+        /// The task's fingerprint.
+        task: u32,
         /// What slot A has.
         a: String,
         /// What slot B has.
@@ -117,14 +119,21 @@ pub fn start_with(target: &mut Target, image: &[u8], setup: &Setup) -> Result<Sl
     for (slot, found) in Slot::ALL.into_iter().zip(&mut found) {
         *found = match target.start(slot, setup) {
             Ok(table) if table == wanted => return Ok(slot),
-            Ok(other) => format!("holds {:#010x}", other.crc),
+            Ok(other) => format!(
+                "holds {:#010x} of task {:#010x}",
+                other.crc, other.task_fingerprint
+            ),
             Err(TargetError::Refused(Refusal::Table(error))) => error.to_string(),
             Err(error) => return Err(error.into()),
         };
     }
     let [a, b] = found;
-    let wanted = wanted.crc;
-    Err(PilError::OtherTable { wanted, a, b })
+    Err(PilError::OtherTable {
+        wanted: wanted.crc,
+        task: wanted.task_fingerprint,
+        a,
+        b,
+    })
 }
 
 /// Runs `plan` in closed loop: the plant gets the target's torques, and the in-process

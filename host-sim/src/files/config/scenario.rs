@@ -244,9 +244,7 @@ impl Reader<'_> {
             match section.as_str() {
                 "faults" => scenario.faults = self.faults(value)?,
                 "failed" => scenario.failure = self.failure(value)?,
-                "verdict" => {
-                    scenario.verdict = self.structure::<VerdictLimits>(&section, value)?;
-                }
+                "verdict" => scenario.verdict = self.verdict(value)?,
                 _ => self.section(scenario, &section, value)?,
             }
         }
@@ -393,6 +391,29 @@ impl Reader<'_> {
             })
         };
         read.iter().enumerate().map(fault).collect()
+    }
+
+    fn verdict(&self, value: Value) -> Result<VerdictLimits, ConfigError> {
+        let limits: VerdictLimits = self.structure("verdict", value)?;
+        for (key, limit) in limits.given() {
+            // What has no unit is a share of the runs.
+            let unit = [
+                ("_N", "a force in N"),
+                ("_m", "a length in m"),
+                ("_s", "a time in s"),
+            ];
+            let unit = unit.iter().find(|(ending, _)| key.ends_with(ending));
+            let (what, most) = unit.map_or(("a share", 1.0), |(_, what)| (*what, 1e6));
+            if !(0.0..=most).contains(&limit) {
+                return Err(ConfigError::OutOfRange {
+                    file: self.file.to_string(),
+                    field: format!("verdict.{key}"),
+                    value: limit,
+                    accepted: format!("{what} from 0 to {}", Shortest(most)),
+                });
+            }
+        }
+        Ok(limits)
     }
 
     fn failure(&self, value: Value) -> Result<FailureLimits, ConfigError> {

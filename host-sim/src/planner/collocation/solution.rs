@@ -81,6 +81,12 @@ impl Solution {
         self
     }
 
+    /// The same over a time of which its own is in units of `unit_s`, s.
+    pub fn in_time(mut self, unit_s: f64) -> Self {
+        self.mesh.iter_mut().for_each(|t| *t *= unit_s);
+        self
+    }
+
     /// Largest estimated error of `q` over all intervals, by the given norm.
     pub fn error_estimate(&self, norm: impl Fn(&[f64]) -> f64) -> f64 {
         (0..self.mesh.len() - 1)

@@ -175,6 +175,7 @@ impl Axis {
 
     /// As [`decades`](Self::decades), with ticks at 1, 2 and 5 times the powers of ten where there
     /// are few of these.
+    #[cfg(feature = "campaign")]
     pub(super) fn fine_decades(range: [f64; 2]) -> Self {
         let mut axis = Self::decades(range);
         if axis.ticks.len() < 3 {
@@ -342,6 +343,7 @@ mod tests {
         assert_eq!((nothing.range, nothing.cut), ([0.0, 0.01], None));
     }
 
+    #[cfg(feature = "campaign")]
     #[test]
     fn logarithmic_axes_are_labelled_with_the_values() {
         let labels = |axis: &Axis| -> Vec<String> {

@@ -208,17 +208,18 @@ fn draw_bar(chart: &mut Chart<'_, '_>, left: f64, width: f64, bin: Counts) -> Dr
     Ok(())
 }
 
-/// The parameters to show, each once: what drives failure and what drives the force error in
-/// turn, the strongest first.
+/// The parameters to show, each once: those that part failures from successes, then what drives
+/// failure and what drives the force error in turn, the strongest first.
 fn strongest(findings: &Findings) -> Vec<usize> {
-    let (failure, force) = (&findings.failure_drivers, &findings.force_drivers);
+    let drivers = [&findings.failure_drivers, &findings.force_drivers];
+    let most = drivers.iter().map(|list| list.len()).max().unwrap_or(0);
+    let in_turn = (0..most).flat_map(|place| drivers.map(|list| list.get(place)));
+    let in_turn = in_turn.flatten().map(|driver| driver.parameter);
+    let splits = findings.splits.iter().map(|split| split.parameter);
     let mut chosen = vec![];
-    for place in 0..failure.len().max(force.len()) {
-        let next = [failure, force].map(|drivers| drivers.get(place));
-        for driver in next.into_iter().flatten() {
-            if !chosen.contains(&driver.parameter) {
-                chosen.push(driver.parameter);
-            }
+    for parameter in splits.chain(in_turn) {
+        if !chosen.contains(&parameter) {
+            chosen.push(parameter);
         }
     }
     chosen.truncate(SCATTERS_MAX);
