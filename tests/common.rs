@@ -186,7 +186,7 @@ impl OnBench {
     pub fn runs(&self, seed: u64, numbers: &[u64]) -> Vec<RunRecord> {
         let records = Mutex::new(Vec::new());
         self.campaign(seed)
-            .run_all(numbers, &AtomicBool::new(false), |record| {
+            .run_all(numbers, &AtomicBool::new(false), false, |record, _| {
                 records.lock().expect("no panic").push(record);
             })
             .expect("an arm for every run");

@@ -312,6 +312,38 @@ fn the_board_makes_of_every_fault_what_is_known_of_it() {
 }
 
 #[test]
+fn the_documents_table_of_faults_is_this_one() {
+    let file = example("../docs/bench.md");
+    let text = std::fs::read_to_string(file).unwrap();
+    let rows = text
+        .lines()
+        .skip_while(|line| !line.starts_with("| fault | value in |"));
+    let rows: Vec<Vec<&str>> = rows
+        .skip(2)
+        .take_while(|line| line.starts_with('|'))
+        .map(|line| line.trim_matches('|').split('|').map(str::trim).collect())
+        .collect();
+    assert_eq!(rows.len(), FAULTS.len());
+    for (row, (name, _, number, today)) in rows.iter().zip(FAULTS) {
+        let [shown, unit, is, in_matrix, words] = row.as_slice() else {
+            panic!("{row:?}");
+        };
+        assert_eq!(*shown, format!("`{name}`"));
+        assert_eq!(
+            *unit,
+            FaultName::find(name).unwrap().unit.unwrap_or(""),
+            "{name}"
+        );
+        assert!(!is.is_empty(), "{name}");
+        assert_eq!(
+            (*in_matrix, *words),
+            (*number, today.words().as_str()),
+            "{name}"
+        );
+    }
+}
+
+#[test]
 fn a_fault_that_ends_is_gone() {
     let bench = OnBench::new(&example("scenarios/nominal.toml"), &[SLOPE]);
     let fault = TimedFault {
