@@ -61,15 +61,14 @@ fn commands() -> Vec<Vec<String>> {
 fn folder(test: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(test);
     let _ = fs::remove_dir_all(&folder);
-    fs::create_dir_all(folder.join("examples")).unwrap();
-    for entry in fs::read_dir(root().join("examples")).unwrap() {
-        let entry = entry.unwrap();
-        if entry.path().is_file() {
-            fs::copy(
-                entry.path(),
-                folder.join("examples").join(entry.file_name()),
-            )
-            .unwrap();
+    for examples in ["examples", "examples/scenarios"] {
+        fs::create_dir_all(folder.join(examples)).unwrap();
+        for entry in fs::read_dir(root().join(examples)).unwrap() {
+            let entry = entry.unwrap();
+            if entry.path().is_file() {
+                let copy = folder.join(examples).join(entry.file_name());
+                fs::copy(entry.path(), copy).unwrap();
+            }
         }
     }
     fs::copy(
@@ -211,6 +210,7 @@ fn the_table_of_what_feedback_is_worth_is_what_run_gives() {
                 &folder,
                 &[
                     "run",
+                    "--ideal",
                     "--bending-stiffness-scale",
                     "0.9",
                     "--plant-elements",
