@@ -190,6 +190,52 @@ fn tips_agree(found_mm: f64, wanted_mm: f64, fast: bool, what: &str) {
     );
 }
 
+/// The cells of the rows of docs/bench.md below the head that begins with `head`.
+fn documented(head: &str) -> Vec<Vec<String>> {
+    let text = std::fs::read_to_string(example("../docs/bench.md")).unwrap();
+    let rows = text.lines().skip_while(|line| !line.starts_with(head));
+    let rows = rows.skip(2).take_while(|line| line.starts_with('|'));
+    let cells = |row: &str| {
+        let cells = row.trim_matches('|').split('|');
+        cells.map(|cell| cell.trim().replace('*', "")).collect()
+    };
+    rows.map(cells).collect()
+}
+
+/// Asserts that `shown` is `value` with the decimals that are shown.
+#[track_caller]
+fn shown_is(shown: &str, value: f64, what: &str) {
+    let decimals = shown.split_once('.').map_or(0, |(_, digits)| digits.len());
+    assert_eq!(shown, format!("{value:.decimals$}"), "{what}");
+}
+
+#[test]
+fn the_document_shows_these_figures() {
+    let names = [
+        "nominal",
+        "m1+10",
+        "m1-10",
+        "mu .3",
+        "friction .3 + m1+10",
+        "bump 1mm/50mm",
+        "kc 5e4",
+        "delay 2",
+    ];
+    let rows = documented("| change of the nominal arm |");
+    let all = compared("slope", TASKS[0]);
+    for (row, name) in rows.iter().zip(names) {
+        let (_, runs, other) = all.iter().find(|(n, ..)| *n == name).unwrap();
+        let force = median(runs, |run| run.force_error_rms_n);
+        let tip_mm = 1e3 * median(runs, |run| run.along_error_max_m);
+        let values = [force, other.force_rms_n, tip_mm, other.tip_mm];
+        for (shown, value) in row[1..].iter().zip(values) {
+            shown_is(shown, value, name);
+        }
+    }
+    // Those that fail have no figures.
+    assert!(rows[names.len()..].iter().all(|row| row[1] == "fails"));
+}
+
 /// One gauge and task: the outcome's class, and the figures where there is a steady run.
 fn rows_agree(gauge: &str, task: (&str, &str)) -> [usize; 3] {
     let mut seen = [0; 3];
@@ -252,6 +298,8 @@ fn with_the_moment_every_row_is_the_references() {
 
 /// What is published of 200 arms, the reference's own draws.
 struct Published {
+    /// Its row in docs/bench.md, if it has one.
+    shown: Option<&'static str>,
     scenario: &'static str,
     sets: &'static [&'static str],
     /// How many failed.
@@ -266,12 +314,14 @@ const TIP: (f64, f64) = (1.25, 1.1);
 const FAST_SLOPE: &str = "root_gauge.measures=\"slope\"";
 const PUBLISHED: [Published; 5] = [
     Published {
+        shown: Some("2 s, slope"),
         scenario: "bench_slope.toml",
         sets: &[],
         failed: 55,
         figures: [(0.213, 1.25), (0.427, 1.25), (25.6, TIP.0), (47.2, TIP.1)],
     },
     Published {
+        shown: Some("2 s, moment"),
         scenario: "bench.toml",
         sets: &[],
         failed: 102,
@@ -280,6 +330,7 @@ const PUBLISHED: [Published; 5] = [
         figures: [(0.253, 1.25), (2.14, 2.0), (25.9, TIP.0), (47.4, TIP.1)],
     },
     Published {
+        shown: Some("0.4 s, slope"),
         scenario: "bench_fast.toml",
         sets: &[FAST_SLOPE],
         failed: 15,
@@ -287,6 +338,7 @@ const PUBLISHED: [Published; 5] = [
         figures: [(0.363, 1.75), (0.853, 1.75), (15.1, TIP.0), (44.9, TIP.1)],
     },
     Published {
+        shown: None,
         scenario: "bench_fast.toml",
         // With it taken away, the contact's part too.
         sets: &[FAST_SLOPE, "plant.geometric_stiffness=false"],
@@ -294,6 +346,7 @@ const PUBLISHED: [Published; 5] = [
         figures: [(0.363, 1.25), (0.853, 1.3), (15.1, TIP.0), (44.9, TIP.1)],
     },
     Published {
+        shown: Some("0.4 s, moment"),
         scenario: "bench_fast.toml",
         sets: &[],
         failed: 75,
@@ -304,6 +357,7 @@ const PUBLISHED: [Published; 5] = [
 #[test]
 fn campaigns_fail_as_often_as_the_reference() {
     let numbers: Vec<u64> = (0..200).collect();
+    let documented = documented("| path, gauge |");
     for published in PUBLISHED {
         let file = example("scenarios").join(published.scenario);
         let bench = OnBench::new(&file, published.sets);
@@ -325,6 +379,11 @@ fn campaigns_fail_as_often_as_the_reference() {
             (rate - wanted).abs() < 1.96 * deviation,
             "{what}: {rate} fail here, {wanted} in the reference"
         );
+        if let Some(words) = published.shown {
+            let row = documented.iter().find(|row| row[0] == words).unwrap();
+            shown_is(row[1].trim_end_matches(" %"), 100.0 * rate, words);
+            shown_is(row[2].trim_end_matches(" %"), 100.0 * wanted, words);
+        }
         let of = |figure: fn(&RunFigures) -> f64, q: f64| {
             let mut values: Vec<f64> = good.iter().map(figure).collect();
             values.sort_by(f64::total_cmp);

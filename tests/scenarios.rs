@@ -159,7 +159,7 @@ fn over_holes_and_an_edge_the_tip_loses_the_surface_there() {
     let falls = (first.t + 1e-3)..(first.t + 0.05);
     let falling = || seen.iter().filter(|row| falls.contains(&row.t));
     assert!(falling().all(|row| row.reading.force == 0.0));
-    let last = falling().last().unwrap();
+    let last = falling().next_back().unwrap();
     assert!(
         last.reading.tip[1] > 0.06 && last.integral > 0.3,
         "{last:?}"
