@@ -10,7 +10,8 @@ use std::str::FromStr;
 pub struct CampaignInput {
     /// The option that names it, without hyphens: `scenario`, `controller`, ...
     pub option: String,
-    /// The file, as it was named.
+    /// What the command line said: the file, as it was named, or a value. Empty where it said
+    /// nothing, and the scenario names the file or it is built in.
     pub file: String,
     /// Its text. Kept whole, so that results say what they are results of, and two campaigns
     /// can be told apart without doubt.

@@ -2,11 +2,13 @@
 
 use super::plan::Planned;
 use super::{
-    CliError, Common, Output, controller, pages, print, print_facts, progress_bar, results, say,
+    CliError, Common, ModelArg, Output, controller, pages, print, print_facts, progress_bar,
+    results, say,
 };
 use crate::campaign::identity::CampaignInput;
 use crate::files::config::{self, ConfigError, FILE_BYTES_MAX, ScenarioConfig, read_text};
 use crate::files::export;
+use crate::planner::plan::Plan;
 use crate::simulation::bench::{self, BenchArm, BenchBoard, BenchLog, BenchTask, RunFigures};
 use crate::text::four_digits;
 use clap::Args;
@@ -44,10 +46,15 @@ pub(super) struct Bench {
 }
 
 impl ScenarioArgs {
-    /// Reads scenario and the files that it or `common` names, the command line's first, and plans.
-    pub(super) fn prepare(&self, common: &Common, gains: Option<&Path>) -> Result<Bench, CliError> {
+    /// Reads scenario and the files that it or the command line, `asked`, names, the command line's
+    /// first, and plans.
+    pub(super) fn prepare(
+        &self,
+        asked: &Common,
+        asked_gains: Option<&Path>,
+    ) -> Result<Bench, CliError> {
         let config = config::load_scenario(self.scenario.as_deref(), &self.set)?;
-        let mut common = common.clone();
+        let mut common = asked.clone();
         for (given, named) in [
             (&mut common.arm, &config.arm),
             (&mut common.task, &config.task),
@@ -57,62 +64,101 @@ impl ScenarioArgs {
                 given.clone_from(named);
             }
         }
-        let gains = gains.or(config.controller.as_deref());
+        let gains = asked_gains.or(config.controller.as_deref());
         let (arm, task) = common.load()?;
         let law = controller(gains)?;
         let planned = common.plan(&arm, &task)?;
-        let plan = &planned.plan;
-        let board = common.board()?.parameters;
-        // A board that was not named need not be the arm's.
-        let (board, enlarged) = match common.board {
-            Some(_) => (board, false),
-            None => {
-                let slopes = plan.points.iter().map(|point| point.root_slope.abs());
-                let slope = slopes.fold(0.0, f64::max);
-                board.fitted(plan.peaks.torque, plan.task.normal_force, slope)
-            }
-        };
-        if enlarged {
-            say(format_args!(
-                "note: the default board's ranges are too small for this arm; the bench takes drives of {} and {} N m; --board FILE says what there is",
-                board.drive_full_scale_nm[0], board.drive_full_scale_nm[1]
-            ));
-        }
-        let mut inputs = vec![CampaignInput {
-            option: "scenario".into(),
-            file: named(self.scenario.as_deref()),
-            text: config.canonical.clone(),
-        }];
-        for (option, file, default) in [
-            ("arm", common.arm.as_deref(), config::DEFAULT_ARM),
-            ("task", common.task.as_deref(), config::DEFAULT_TASK),
-            ("board", common.board.as_deref(), config::DEFAULT_BOARD),
-            ("controller", gains, config::DEFAULT_CONTROLLER),
+        let board = board_for(&common, &planned.plan)?;
+        let mut inputs = vec![input(
+            "scenario",
+            self.scenario.as_deref(),
+            config.canonical.clone(),
+        )];
+        for (option, said, file, default) in [
+            (
+                "arm",
+                &asked.arm,
+                common.arm.as_deref(),
+                config::DEFAULT_ARM,
+            ),
+            (
+                "task",
+                &asked.task,
+                common.task.as_deref(),
+                config::DEFAULT_TASK,
+            ),
+            (
+                "board",
+                &asked.board,
+                common.board.as_deref(),
+                config::DEFAULT_BOARD,
+            ),
         ] {
-            inputs.push(CampaignInput {
-                option: option.into(),
-                file: named(file),
-                text: text(file, default)?,
-            });
+            inputs.push(input(option, said.as_deref(), text(file, default)?));
         }
-        let rate = CampaignInput {
-            option: "tick-rate-hz".into(),
-            file: String::new(),
-            text: plan.tick_rate_hz.to_string(),
-        };
-        inputs.push(rate);
+        let law_text = text(gains, config::DEFAULT_CONTROLLER)?;
+        inputs.push(input("controller", asked_gains, law_text));
+        inputs.extend(self.values(asked, planned.plan.tick_rate_hz));
         Ok(Bench {
-            board: BenchBoard::from(&board),
             planned,
             law,
+            board,
             config,
             inputs,
         })
     }
+
+    /// What the command line says that is in no file.
+    fn values(&self, asked: &Common, tick_rate_hz: u32) -> Vec<CampaignInput> {
+        let said = |option: &str, said: String, text: String| CampaignInput {
+            option: option.into(),
+            file: said,
+            text,
+        };
+        let rate = asked.tick_rate_hz.map(|rate| rate.to_string());
+        let mut values = vec![said(
+            "tick-rate-hz",
+            rate.unwrap_or_default(),
+            tick_rate_hz.to_string(),
+        )];
+        if let ModelArg::AsPrinted = asked.model {
+            let model = "as-printed";
+            values.push(said("model", model.into(), model.into()));
+        }
+        // What they say is in the scenario's text already.
+        let sets = self.set.iter();
+        values.extend(sets.map(|set| said("set", set.clone(), String::new())));
+        values
+    }
 }
 
-fn named(file: Option<&Path>) -> String {
-    file.map_or("built-in".into(), |file| file.display().to_string())
+/// The board for a plan: the one that is named, or the default one made large enough, as it need
+/// not be the arm's.
+fn board_for(common: &Common, plan: &Plan) -> Result<BenchBoard, CliError> {
+    let board = common.board()?.parameters;
+    if common.board.is_some() {
+        return Ok(BenchBoard::from(&board));
+    }
+    let slopes = plan.points.iter().map(|point| point.root_slope.abs());
+    let slope = slopes.fold(0.0, f64::max);
+    let (board, enlarged) = board.fitted(plan.peaks.torque, plan.task.normal_force, slope);
+    if enlarged {
+        say(format_args!(
+            "note: the default board's ranges are too small for this arm; the bench takes drives of {} and {} N m; --board FILE says what there is",
+            board.drive_full_scale_nm[0], board.drive_full_scale_nm[1]
+        ));
+    }
+    Ok(BenchBoard::from(&board))
+}
+
+/// An input that decides the runs; `said` is what the command line named it by, nothing where the
+/// scenario names it or it is built in.
+fn input(option: &str, said: Option<&Path>, text: String) -> CampaignInput {
+    CampaignInput {
+        option: option.into(),
+        file: said.map_or(String::new(), |file| file.display().to_string()),
+        text,
+    }
 }
 
 fn text(file: Option<&Path>, default: &str) -> Result<String, ConfigError> {

@@ -325,6 +325,7 @@ fn extremes(run: &RunRecord, records: &CampaignRecords) -> Vec<String> {
 fn command(identity: &CampaignIdentity, run: u64) -> String {
     let inputs = identity.inputs.iter();
     let options: String = inputs
+        .filter(|input| !input.file.is_empty())
         .map(|input| format!(" --{} {}", input.option, quoted(&input.file)))
         .collect();
     let CampaignIdentity { runs, seed, .. } = identity;
@@ -346,6 +347,7 @@ fn facts(identity: &CampaignIdentity) -> Vec<(String, String)> {
     let mut facts: Vec<(String, String)> = identity
         .inputs
         .iter()
+        .filter(|input| !input.file.is_empty())
         .map(|input| (input.option.clone(), input.file.clone()))
         .collect();
     facts.push(("seed".into(), identity.seed.to_string()));
