@@ -418,20 +418,18 @@ impl Reader<'_> {
 
     fn failure(&self, value: Value) -> Result<FailureLimits, ConfigError> {
         let read: FailureFile = self.structure("failed", value)?;
-        let default = FailureLimits::default();
-        let limit = |name: &str, value: Option<f64>, default: f64| match value {
-            None => Ok(default),
-            Some(value) if value > 0.0 && value <= 1e6 => Ok(value),
-            Some(value) => Err(ConfigError::OutOfRange {
+        let limit = |name: &str, value: Option<f64>| match value {
+            Some(value) if !(value > 0.0 && value <= 1e6) => Err(ConfigError::OutOfRange {
                 file: self.file.to_string(),
                 field: format!("failed.{name}"),
                 value,
                 accepted: "an error above 0 up to 1e6".to_string(),
             }),
+            given => Ok(given),
         };
         Ok(FailureLimits {
-            along_m: limit("along_error_m", read.along_error_m, default.along_m)?,
-            force_n: limit("force_error_N", read.force_error, default.force_n)?,
+            along_m: limit("along_error_m", read.along_error_m)?,
+            force_n: limit("force_error_N", read.force_error)?,
         })
     }
 

@@ -121,7 +121,7 @@ pub fn run<T: Lanes>(
         let rate = plan.tick_rate_hz;
         boards.push(Lane::new(arm, task.board, inside, &first, planned, rate));
     }
-    let mut tallies = vec![Tally::new(task.failure, period_s); arms.len()];
+    let mut tallies = vec![Tally::new(task.failure, plan); arms.len()];
     let mut over = vec![false; arms.len()];
     let mut targets = vec![planned; T::LANES];
 
