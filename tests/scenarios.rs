@@ -207,9 +207,9 @@ impl Today {
     }
 }
 
-/// Every fault, with a value, its row in the fault matrix, and what today's board makes of it at mid
+/// Every fault, with a value, its number in the list of faults, and what today's board makes of it at mid
 /// path of the nominal arm (with the gauge that shows the slope, as today's law fails with the
-/// other before that). What is not detected here is what the fault matrix calls a gap; a board
+/// other before that). What is not detected here is a known gap; a board
 /// that detects it makes this test fail, which is then to say what it does.
 const FAULTS: &[(&str, f64, &str, Today)] = &[
     ("encoder1_stuck", 0.0, "1", Unnoticed),
