@@ -235,23 +235,7 @@ impl Bench {
         output.json("summary.json", &summary)?;
         let mut all = self.planned.facts();
         all.extend(facts);
-        all.extend([
-            (
-                "simulated in".into(),
-                format!("{run_ms:.0} ms, plant with {} elements", run.elements),
-            ),
-            (
-                "without contact".into(),
-                format!("{} ms", four_digits(1e3 * figures.contact_lost_s)),
-            ),
-            (
-                "along the surface".into(),
-                format!(
-                    "{} mm off at most",
-                    four_digits(1e3 * figures.along_error_max_m)
-                ),
-            ),
-        ]);
+        all.extend(facts_of(&figures, run_ms, run.elements));
         let name = match (self.law.feedforward, self.law.has_feedback()) {
             (true, true) => "proposed",
             (true, false) => "feedforward",
@@ -269,4 +253,19 @@ impl Bench {
         }
         Ok(figures)
     }
+}
+
+/// What a reader wants to know of a run besides its errors, which took `run_ms`.
+fn facts_of(figures: &RunFigures, run_ms: f64, elements: usize) -> [(String, String); 3] {
+    let off_mm = four_digits(1e3 * figures.along_error_max_m);
+    let lost_ms = four_digits(1e3 * figures.contact_lost_s);
+    [
+        (
+            "simulated in",
+            format!("{run_ms:.0} ms, plant with {elements} elements"),
+        ),
+        ("without contact", format!("{lost_ms} ms")),
+        ("along the surface", format!("{off_mm} mm off at most")),
+    ]
+    .map(|(name, fact)| (name.into(), fact))
 }
