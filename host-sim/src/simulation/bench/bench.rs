@@ -110,15 +110,13 @@ pub fn run<T: Lanes>(
         limits: task.limits.at_most(task.board.drive_limit_nm),
     };
     let table = Table::open(task.image)?;
-    let planned = plan.points[0].torque;
+    let (planned, rate) = (plan.points[0].torque, plan.tick_rate_hz);
     let outputs = plant.outputs();
     let mut places: Vec<_> = arms.iter().map(|_| [None, None]).collect();
     let mut boards = Vec::with_capacity(arms.len());
     for ((i, arm), places) in arms.iter().enumerate().zip(&mut places) {
-        let controller = parameters.controller(&table)?;
+        let inside = (parameters.controller(&table)?, places);
         let first = outputs.lane(i);
-        let inside = (controller, places);
-        let rate = plan.tick_rate_hz;
         boards.push(Lane::new(arm, task.board, inside, &first, planned, rate));
     }
     let mut tallies = vec![Tally::new(task.failure, plan); arms.len()];
@@ -132,11 +130,11 @@ pub fn run<T: Lanes>(
         let outputs = plant.outputs();
         for i in 0..arms.len() {
             let reading = outputs.lane(i);
-            if over[i] || diverged(&reading) {
-                if !over[i] {
-                    tallies[i].diverge();
-                }
+            if !over[i] && diverged(&reading) {
+                tallies[i].diverge();
                 over[i] = true;
+            }
+            if over[i] {
                 continue;
             }
             let given = boards[i].tick(point.t, &reading);
