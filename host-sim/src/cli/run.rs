@@ -216,19 +216,13 @@ fn run_on_bench(args: &RunArgs) -> Result<(), CliError> {
     }
     let mut setup = bench.config.scenario.middle();
     if let Some(file) = &simulation.plant {
-        setup.apply(&config::load(Some(file), "", config::parse_plant)?.0);
+        setup.plant = config::load(Some(file), "", config::parse_plant)?.0;
     }
-    let mut given = PlantParameters {
-        elements: setup.elements,
-        bending_stiffness_scale: setup.bending_stiffness_scale,
-        ..PlantParameters::default()
-    };
-    simulation.adjust(&mut given, &mut Start::default())?;
-    setup.elements = given.elements;
-    setup.bending_stiffness_scale = given.bending_stiffness_scale;
+    simulation.adjust(&mut setup.plant, &mut Start::default())?;
     let arm = setup.on_bench(plan, 1)?;
     if bench.law.has_feedback() {
-        gains::warn(plan, &setup.plant(), &bench.law);
+        let plant = setup.on_rigid_surface(&plan.model.arm);
+        gains::warn(plan, &plant, &bench.law);
     }
     let nothing = (Map::new(), Vec::new());
     let json = simulation.common.json;
