@@ -114,7 +114,8 @@ impl BenchSetup {
     }
 
     /// The same arm on a rigid surface, as far as it can be there: what stability is examined with.
-    pub fn plant(&self) -> PlantParameters {
+    /// `planned` is the arm that it was planned for.
+    pub fn plant(&self, planned: &ArmParameters) -> PlantParameters {
         let friction = self.compliant.joints.map(|joint| joint.friction);
         let rotor = self.compliant.joints[1].reflected_inertia_kgm2();
         PlantParameters {
@@ -123,10 +124,7 @@ impl BenchSetup {
             link1_mass_scale: self.link1_mass_scale,
             link2_mass_scale: self.link2_mass_scale,
             damping_scale: self.damping_scale,
-            root_inertia_kgm2: match self.root_inertia_kgm2 {
-                Some(inertia) => Some(inertia + rotor),
-                None => (rotor > 0.0).then_some(rotor),
-            },
+            root_inertia_kgm2: Some(self.arm(planned).root_inertia_kgm2 + rotor),
             tip_mass_kg: self.tip_mass_kg,
             tip_inertia_kgm2: self.tip_inertia_kgm2,
             viscous_friction_nms_rad: friction.map(|friction| friction.viscous_nms_rad),

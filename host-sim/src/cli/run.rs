@@ -228,7 +228,7 @@ fn run_on_bench(args: &RunArgs) -> Result<(), CliError> {
     setup.bending_stiffness_scale = given.bending_stiffness_scale;
     let arm = setup.on_bench(plan, 1)?;
     if bench.law.has_feedback() {
-        gains::warn(plan, &setup.plant(), &bench.law);
+        gains::warn(plan, &setup.plant(&plan.model.arm), &bench.law);
     }
     let nothing = (Map::new(), Vec::new());
     let json = simulation.common.json;
