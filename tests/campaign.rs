@@ -228,6 +228,28 @@ fn a_killed_campaign_goes_on_where_it_was() {
 }
 
 #[test]
+fn what_another_campaign_has_left_does_not_get_into_this_one() {
+    let place = folder("campaign_left");
+    let (other, out) = (place.join("other"), place.join("out"));
+    json(&campaign(&other, &["--runs", "8", "--seed", "2"]));
+    // As one leaves it that was killed after all its runs and a ninth's ticks.
+    let kept = out.join(".flexor-kept");
+    fs::create_dir_all(kept.join("runs")).unwrap();
+    fs::write(kept.join("runs/000008.parquet"), "ticks").unwrap();
+    fs::copy(other.join("campaign.json"), kept.join("campaign.json")).unwrap();
+    for rows in ["rows.csv", "rows_with_ticks.csv"] {
+        fs::copy(other.join("runs.csv"), kept.join(rows)).unwrap();
+    }
+    let (alone, more) = (place.join("alone"), ["--runs", "8", "--write", "all"]);
+    let output = campaign(&out, &more);
+    assert!(text(&output.stderr).contains("was another one"));
+    json(&output);
+    json(&campaign(&alone, &more));
+    same_results(&alone, &out);
+    assert_eq!(fs::read_dir(out.join("runs")).unwrap().count(), 8);
+}
+
+#[test]
 fn limits_that_do_not_hold_are_an_exit_code() {
     let place = folder("campaign_verdict");
     let bench = scenario("bench.toml");
@@ -413,12 +435,16 @@ fn what_is_wrong_with_a_scenario_is_said_in_one_line() {
     refused(
         "[[faults]]\nfault = \"strain_offset\"\nat_s = 1.0",
         &[],
-        &["faults[0]", "counts"],
+        &[
+            "faults[0].value missing",
+            "accepted for strain_offset",
+            "counts",
+        ],
     );
     refused(
         "[[faults]]\nfault = \"strain_rail\"\nat_s = 1.0\nvalue = 3",
         &[],
-        &["faults[0]", "no effect"],
+        &["faults[0].value", "without effect"],
     );
     refused(
         "[[faults]]\nfault = \"strain_rail\"\nat_s = inf",
@@ -473,11 +499,17 @@ fn what_is_wrong_with_a_scenario_is_said_in_one_line() {
         &[],
         &["no start at"],
     );
-    // A contact so stiff that no step is short enough.
+    // Play without a rotor that could move in it.
     refused(
-        "[contact]\nstiffness_N_m = 1e8\n[plant]\ntip_mass_kg = 0.0\nsubsteps = 1\nelements = 16\nbending_stiffness_scale = 100.0\nroot_inertia_kgm2 = 0.0\n[joint1]\nplay_rad = 0.01",
+        "[joint1]\nplay_rad = 0.01",
         &[],
-        &["play", "rotor inertia"],
+        &["joint1.rotor_inertia_kgm2", "is accepted"],
+    );
+    // A contact so damped that no step is short enough.
+    refused(
+        "[contact]\ndamping_Ns_m = 1e6",
+        &[],
+        &["integration steps", "less damping"],
     );
 }
 

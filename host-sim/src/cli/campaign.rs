@@ -11,7 +11,7 @@ use crate::campaign::record::{CampaignRecords, RunRecord};
 use crate::campaign::scenario::Scenario;
 use crate::campaign::statistics::Statistics;
 use crate::files::campaign_parquet::rows_parquet;
-use crate::files::campaign_rows::{RowWriter, WholeRows, read_rows, read_rows_lenient, rows_csv};
+use crate::files::campaign_rows::{RowWriter, read_rows, read_rows_lenient, rows_csv};
 use crate::files::campaign_summary::summary_json;
 use crate::files::ticks_parquet::ticks_parquet;
 use crate::files::{config, export};
@@ -268,13 +268,23 @@ impl Checkpoint {
             Some(_) => "rows_with_ticks.csv",
             None => "rows.csv",
         };
-        let (file, other) = (output.keep(name)?, output.keep("campaign.json")?);
+        let other = output.keep("campaign.json")?;
+        let same = is_of(&other, identity);
+        if !same {
+            // Nothing of another campaign may get into this one: neither its rows, of either kind,
+            // nor its ticks.
+            output.forget();
+        }
+        let file = output.keep(name)?;
         if let Some(folder) = &ticks {
             std::fs::create_dir_all(folder).map_err(unwritable(folder))?;
         }
         let keys = bench.config.scenario.spread_keys();
         let parameters: Vec<String> = keys.map(String::from).collect();
-        if let Some(whole) = left_there(&file, &other, identity)
+        if same
+            && let Ok(whole) = read_rows_lenient(&file)
+            // Not even its first line, perhaps.
+            && whole.bytes > 0
             && whole.records.parameters == parameters
         {
             let open = || {
@@ -337,17 +347,18 @@ impl Checkpoint {
     }
 }
 
-/// The rows of `file`, if the campaign beside it, in `other`, is this one.
-fn left_there(file: &Path, other: &Path, identity: &CampaignIdentity) -> Option<WholeRows> {
-    let text = std::fs::read_to_string(other).ok()?;
-    let found: CampaignIdentity = serde_json::from_str(&text).ok()?;
+/// Whether what an interrupted campaign has left is of this one, by its identity in `file`.
+fn is_of(file: &Path, identity: &CampaignIdentity) -> bool {
+    let found = std::fs::read_to_string(file).ok();
+    let found = found.and_then(|text| serde_json::from_str::<CampaignIdentity>(&text).ok());
+    let Some(found) = found else {
+        return false;
+    };
     let same = found.difference(identity).is_none() && found.shard == identity.shard;
     if !same {
         say("note: an interrupted campaign in this folder was another one; it is begun anew");
-        return None;
     }
-    // Not even its first line, perhaps.
-    read_rows_lenient(file).ok().filter(|whole| whole.bytes > 0)
+    same
 }
 
 /// A campaign's results, to be written and shown.

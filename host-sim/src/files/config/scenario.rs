@@ -358,15 +358,19 @@ impl Reader<'_> {
             let value = match (entry.unit, fault.value) {
                 (Some(_), Some(value)) if value.is_finite() && value.abs() <= 1e5 => value,
                 (None, None) => 0.0,
-                (Some(unit), _) => {
+                (Some(unit), given) => {
+                    let given = given.map_or("missing".into(), |x| format!("= {}", Shortest(x)));
                     let words = format!(
-                        "{place} ({}): value = a number in {unit}, up to 1e5, is wanted",
+                        "{place}.value {given}; accepted for {}: a number in {unit} from -1e5 to 1e5",
                         entry.name
                     );
                     return Err(self.malformed(words));
                 }
                 (None, Some(_)) => {
-                    let words = format!("{place} ({}): value has no effect on it", entry.name);
+                    let words = format!(
+                        "{place}.value: without effect on {}; none is accepted",
+                        entry.name
+                    );
                     return Err(self.malformed(words));
                 }
             };

@@ -45,7 +45,9 @@ pub(super) struct Lane<'a> {
 impl<'a> Lane<'a> {
     /// A board before the arm, which reads `first`: homed, moved to its start, enabled with
     /// `controller`. `places` are where the supervisor keeps its controllers. The drives have been
-    /// commanded `planned` (N m) for long.
+    /// commanded `planned` (N m) for long. Whether the arm is near enough to the table's first row,
+    /// which a board's link asks before it enables, is not asked here: what a campaign draws may be
+    /// farther off, and is to be judged by how it runs.
     pub(super) fn new(
         arm: &BenchArm,
         board: &BenchBoard,
