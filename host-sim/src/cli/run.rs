@@ -49,8 +49,8 @@ pub(super) struct SimulationArgs {
     /// State that the plant starts in; before the plant file's [equilibrium]
     #[arg(long, value_enum)]
     start: Option<StartArg>,
-    /// Exit code 3 unless the run is completed: also where the tip leaves the path or the
-    /// contact is lost
+    /// Exit code 3 unless the run is completed: also where the tip leaves the path or, with
+    /// --ideal, the contact is lost (on the bench that is a figure, contact_lost_s)
     #[arg(long)]
     require_completed: bool,
     /// A table to run instead of the one that is planned; it must be of this arm and task,
