@@ -286,6 +286,15 @@ fn limits_that_do_not_hold_are_an_exit_code() {
         (&false.into(), &24.into())
     );
     assert_eq!(write("fail_rate_max = 0.99").status.code(), Some(0));
+    // No run that did not fail: there are no figures, but their places are.
+    let output = campaign(
+        &place.join("all"),
+        &["--runs", "2", "--set", "drive1.gain=-1"],
+    );
+    let result = json(&output);
+    assert_eq!(result["failed"], 2);
+    let none = serde_json::json!({ "median": null, "p95": null, "max": null });
+    assert_eq!(result["force_error_rms_N"], none);
 }
 
 #[test]
@@ -452,6 +461,11 @@ fn what_is_wrong_with_a_scenario_is_said_in_one_line() {
         &["faults[0].at_s", accepted],
     );
     refused(
+        "[[faults]]\nfault = \"strain_rail\"\nat_s = 99.0",
+        &[],
+        &["faults[0].at_s = 99", "the run's end"],
+    );
+    refused(
         "[verdict]\nfail_rate = 0.1",
         &[],
         &["verdict", "fail_rate_max"],
@@ -613,4 +627,49 @@ fn a_plain_run_goes_through_the_boards_counts() {
     );
     let output = run(&["--scenario", &stop, "--require-completed"]);
     assert_eq!(output.status.code(), Some(3), "{}", text(&output.stderr));
+}
+
+#[test]
+fn what_a_board_would_not_do_is_said() {
+    let place = folder("bench_refusal");
+    let out = place.display().to_string();
+    let run = |more: &[&str]| flexor(&[&["run", "--json", "--out", &out], more].concat());
+    // Homed a tenth of a radian off: no board would be enabled there.
+    let output = run(&["--set", "encoders.homing1_rad=0.1"]);
+    let message = text(&output.stderr);
+    assert!(
+        message.contains("warning: a board would not be enabled"),
+        "{message}"
+    );
+    assert!(!text(&run(&[]).stderr).contains("would not be enabled"));
+    // Bounces on a hard surface are no completed run, though no failed one of a campaign.
+    let hard = scenario("hard_surface.toml");
+    let hard = ["--scenario", &hard, "--set", "root_gauge.measures=slope"];
+    let output = run(&[&hard[..], &["--require-completed"]].concat());
+    assert_eq!(output.status.code(), Some(3), "{}", text(&output.stderr));
+    let campaign = [
+        &["campaign", "--json", "--runs", "2", "--out", &out],
+        &hard[..],
+    ]
+    .concat();
+    let result = json(&flexor(&campaign));
+    assert_eq!(
+        (&result["failed"], &result["outcomes"]["contact_lost"]),
+        (&0.into(), &2.into())
+    );
+    // What would be of no effect.
+    let plant = root()
+        .join("examples/plant_soft.toml")
+        .display()
+        .to_string();
+    let output = run(&["--plant", &plant, "--set", "contact.friction=0.1"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("--plant"));
+    let output = flexor(&["campaign", "--runs", "4", "--shard", "5/10", "--out", &out]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("--shard 5/10"));
+    // A drive weaker than the board's is seen in the log, which the board does not tell.
+    let weak = run(&["--set", "drive1.limit_Nm=5.0"]);
+    let weak: Value = serde_json::from_slice(&weak.stdout).unwrap();
+    assert!(weak["limited_ticks"].as_u64().unwrap() > 1000);
 }

@@ -70,6 +70,7 @@ impl ScenarioArgs {
         let (arm, task) = common.load()?;
         let law = controller(gains)?;
         let planned = common.plan(&arm, &task)?;
+        self.check_faults(&config, &planned.plan)?;
         let (board, note) = board_for(&common, &planned.plan)?;
         let mut inputs = vec![input(
             "scenario",
@@ -109,6 +110,24 @@ impl ScenarioArgs {
             note,
             inputs,
         })
+    }
+
+    /// A fault that no run lives to see is a mistake.
+    fn check_faults(&self, config: &ScenarioConfig, plan: &Plan) -> Result<(), CliError> {
+        let end_s = plan.points.last().map_or(0.0, |point| point.t);
+        let faults = config.scenario.faults.iter().enumerate();
+        match faults.into_iter().find(|(_, fault)| fault.from_s > end_s) {
+            None => Ok(()),
+            Some((i, fault)) => Err(CliError::Config(ConfigError::OutOfRange {
+                file: self
+                    .scenario
+                    .as_ref()
+                    .map_or("--set".into(), |file| file.display().to_string()),
+                field: format!("faults[{i}].at_s"),
+                value: fault.from_s,
+                accepted: format!("a time in s up to the run's end, {end_s}"),
+            })),
+        }
     }
 
     /// What the command line says that is in no file.
@@ -208,6 +227,11 @@ impl Bench {
     ) -> Result<RunFigures, CliError> {
         let plan = &self.planned.plan;
         self.say_note();
+        if let Some(refusal) = bench::refusal(&self.task(), arm)? {
+            say(format_args!(
+                "warning: a board would not be enabled where this arm starts ({refusal}); the bench enables it all the same"
+            ));
+        }
         let since = Instant::now();
         let progress = progress_bar(plan.points.len() as u64, "ticks, {eta} left");
         let mut log = BenchLog::new(plan.points.len());

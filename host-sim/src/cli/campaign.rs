@@ -174,6 +174,12 @@ fn runs(args: &CampaignArgs) -> Result<(), CliError> {
         .runs(args.runs)
         .filter(|run| !done.contains(run))
         .collect();
+    if left.is_empty() && done.is_empty() {
+        return Err(CliError::EmptyShard {
+            shard: args.shard,
+            runs: args.runs,
+        });
+    }
     bench.say_note();
     let since = Instant::now();
     let ended = advance(args.seed, &bench, &left, &mut checkpoint);
@@ -205,6 +211,7 @@ fn advance(
         scenario: &bench.config.scenario,
         seed,
     };
+    campaign.check(left)?;
     let progress = progress_bar(left.len() as u64, "runs, {eta} left");
     let stop = AtomicBool::new(false);
     let ticks = checkpoint.ticks.clone();

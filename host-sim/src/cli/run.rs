@@ -206,6 +206,13 @@ fn run_on_bench(args: &RunArgs) -> Result<(), CliError> {
         .chain([args.scenario.scenario.as_deref()]);
     let output = Output::open(&args.out, inputs)?;
     simulation.check_gains()?;
+    let scenario = &args.scenario;
+    if simulation.plant.is_some() && (scenario.scenario.is_some() || !scenario.set.is_empty()) {
+        return Err(CliError::NoEffect {
+            what: "--plant",
+            beside: "beside --scenario or --set, whose plant section says how the arm differs: leave one of them out",
+        });
+    }
     let mut bench = args
         .scenario
         .prepare(&simulation.common, simulation.controller.as_deref())?;

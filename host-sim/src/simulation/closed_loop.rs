@@ -53,9 +53,8 @@ impl LogRow {
 pub enum Outcome {
     /// To the end, pressing all the way.
     Completed,
-    /// To the end, but a real tip would have left the surface on the way: the contact
-    /// force became negative. Where the contact is one-sided, losing it is a figure and no
-    /// outcome.
+    /// To the end, but the tip left the surface on the way, or would have: the contact force of a
+    /// surface that holds it from both sides became negative.
     ContactLost,
     /// To the end, but farther off the path than the limit, [`tip_error_limit_m`] where none is
     /// given.
@@ -88,9 +87,10 @@ impl Outcome {
         all.find(|outcome| outcome.name() == name)
     }
 
-    /// True for all but [`Completed`](Self::Completed).
+    /// True for all but [`Completed`](Self::Completed), and where the contact was lost on the way
+    /// and nothing worse happened.
     pub fn failed(self) -> bool {
-        self != Self::Completed
+        !matches!(self, Self::Completed | Self::ContactLost)
     }
 
     /// Stable name, as in `summary.json`.
@@ -453,7 +453,8 @@ mod tests {
         let faults = Fault::ALL.map(Outcome::Fault);
         for outcome in Outcome::OWN.into_iter().chain(faults) {
             assert_eq!(Outcome::from_name(outcome.name()), Some(outcome));
-            assert_eq!(outcome.failed(), outcome.name() != "completed");
+            let sound = ["completed", "contact_lost"].contains(&outcome.name());
+            assert_eq!(outcome.failed(), !sound);
         }
         assert_eq!(Outcome::from_name("Completed"), None);
     }

@@ -58,7 +58,10 @@ const FILES: [&str; 4] = ["arm", "task", "board", "controller"];
 /// [`ConfigError`], one line.
 pub fn load_scenario(path: Option<&Path>, sets: &[String]) -> Result<ScenarioConfig, ConfigError> {
     let mut merged = Table::new();
-    let name = path.map_or("built-in scenario".to_string(), |p| p.display().to_string());
+    let mut name = path.map_or("built-in scenario".to_string(), |p| p.display().to_string());
+    if !sets.is_empty() {
+        name += " with --set";
+    }
     if let Some(path) = path {
         merged = with_bases(path, BASES_MAX)?;
     }

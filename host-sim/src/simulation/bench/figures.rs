@@ -192,6 +192,8 @@ impl Tally {
             Outcome::TipOffPath
         } else if figures.force_error_max_n > self.limits[1] {
             Outcome::ForceOff
+        } else if self.lost_ticks > 0 {
+            Outcome::ContactLost
         } else {
             Outcome::Completed
         };
