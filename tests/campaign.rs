@@ -305,6 +305,28 @@ fn a_killed_campaign_goes_on_where_it_was() {
 }
 
 #[test]
+fn what_another_campaign_has_left_does_not_get_into_this_one() {
+    let place = folder("campaign_left");
+    let (other, out) = (place.join("other"), place.join("out"));
+    json(&campaign(&other, &["--runs", "8", "--seed", "2"]));
+    // As one leaves it that was killed after all its runs and a ninth's ticks.
+    let kept = out.join(".flexor-kept");
+    fs::create_dir_all(kept.join("runs")).unwrap();
+    fs::write(kept.join("runs/000008.parquet"), "ticks").unwrap();
+    fs::copy(other.join("campaign.json"), kept.join("campaign.json")).unwrap();
+    for rows in ["rows.csv", "rows_with_ticks.csv"] {
+        fs::copy(other.join("runs.csv"), kept.join(rows)).unwrap();
+    }
+    let (alone, more) = (place.join("alone"), ["--runs", "8", "--write", "all"]);
+    let output = campaign(&out, &more);
+    assert!(text(&output.stderr).contains("was another one"));
+    json(&output);
+    json(&campaign(&alone, &more));
+    same_results(&alone, &out);
+    assert_eq!(fs::read_dir(out.join("runs")).unwrap().count(), 8);
+}
+
+#[test]
 fn limits_that_do_not_hold_are_an_exit_code() {
     let place = folder("campaign_verdict");
     let bench = scenario("bench.toml");
@@ -341,6 +363,15 @@ fn limits_that_do_not_hold_are_an_exit_code() {
         (&false.into(), &24.into())
     );
     assert_eq!(write("fail_rate_max = 0.99").status.code(), Some(0));
+    // No run that did not fail: there are no figures, but their places are.
+    let output = campaign(
+        &place.join("all"),
+        &["--runs", "2", "--set", "drive1.gain=-1"],
+    );
+    let result = json(&output);
+    assert_eq!(result["failed"], 2);
+    let none = serde_json::json!({ "median": null, "p95": null, "max": null });
+    assert_eq!(result["force_error_rms_N"], none);
 }
 
 #[test]
@@ -490,17 +521,26 @@ fn what_is_wrong_with_a_scenario_is_said_in_one_line() {
     refused(
         "[[faults]]\nfault = \"strain_offset\"\nat_s = 1.0",
         &[],
-        &["faults[0]", "counts"],
+        &[
+            "faults[0].value missing",
+            "accepted for strain_offset",
+            "counts",
+        ],
     );
     refused(
         "[[faults]]\nfault = \"strain_rail\"\nat_s = 1.0\nvalue = 3",
         &[],
-        &["faults[0]", "no effect"],
+        &["faults[0].value", "without effect"],
     );
     refused(
         "[[faults]]\nfault = \"strain_rail\"\nat_s = inf",
         &[],
         &["faults[0].at_s", accepted],
+    );
+    refused(
+        "[[faults]]\nfault = \"strain_rail\"\nat_s = 99.0",
+        &[],
+        &["faults[0].at_s = 99", "the run's end"],
     );
     refused(
         "[verdict]\nfail_rate = 0.1",
@@ -550,11 +590,17 @@ fn what_is_wrong_with_a_scenario_is_said_in_one_line() {
         &[],
         &["no start at"],
     );
-    // A contact so stiff that no step is short enough.
+    // Play without a rotor that could move in it.
     refused(
-        "[contact]\nstiffness_N_m = 1e8\n[plant]\ntip_mass_kg = 0.0\nsubsteps = 1\nelements = 16\nbending_stiffness_scale = 100.0\nroot_inertia_kgm2 = 0.0\n[joint1]\nplay_rad = 0.01",
+        "[joint1]\nplay_rad = 0.01",
         &[],
-        &["play", "rotor inertia"],
+        &["joint1.rotor_inertia_kgm2", "is accepted"],
+    );
+    // A contact so damped that no step is short enough.
+    refused(
+        "[contact]\ndamping_Ns_m = 1e6",
+        &[],
+        &["integration steps", "less damping"],
     );
 }
 
@@ -619,8 +665,14 @@ fn a_plain_run_goes_through_the_boards_counts() {
         );
     }
     for (arguments, word) in [
-        (&["--number", "fixed"][..], "--ideal"),
-        (&["--start", "plan-moving"], "--ideal"),
+        (
+            &["--number", "fixed", "--set", "contact.friction=0.1"][..],
+            "--number",
+        ),
+        (
+            &["--start", "plan-moving", "--scenario", "x.toml"],
+            "--start",
+        ),
         (&["--ideal", "--scenario", "x.toml"], "--scenario"),
         (&["--ideal", "--set", "contact.friction=1"], "--set"),
     ] {
@@ -629,6 +681,15 @@ fn a_plain_run_goes_through_the_boards_counts() {
         assert_eq!(output.status.code(), Some(2), "{message}");
         assert!(message.contains(word), "{message}");
     }
+    // What only the paper's world has is run there.
+    let moving = ["--start", "plan-moving", "--mode", "feedforward"];
+    let output = run(&moving);
+    let said = json(&run(&[&moving[..], &["--ideal"]].concat()));
+    assert_eq!(
+        json(&output)["force_error_rms_N"],
+        said["force_error_rms_N"]
+    );
+    assert!(text(&output.stderr).contains("as with --ideal"));
     // A scenario's fault ends it, and a script can demand that it does not.
     let file = place.join("stop.toml");
     fs::write(
@@ -643,4 +704,49 @@ fn a_plain_run_goes_through_the_boards_counts() {
     );
     let output = run(&["--scenario", &stop, "--require-completed"]);
     assert_eq!(output.status.code(), Some(3), "{}", text(&output.stderr));
+}
+
+#[test]
+fn what_a_board_would_not_do_is_said() {
+    let place = folder("bench_refusal");
+    let out = place.display().to_string();
+    let run = |more: &[&str]| flexor(&[&["run", "--json", "--out", &out], more].concat());
+    // Homed a tenth of a radian off: no board would be enabled there.
+    let output = run(&["--set", "encoders.homing1_rad=0.1"]);
+    let message = text(&output.stderr);
+    assert!(
+        message.contains("warning: a board would not be enabled"),
+        "{message}"
+    );
+    assert!(!text(&run(&[]).stderr).contains("would not be enabled"));
+    // Bounces on a hard surface are no completed run, though no failed one of a campaign.
+    let hard = scenario("hard_surface.toml");
+    let hard = ["--scenario", &hard, "--set", "root_gauge.measures=slope"];
+    let output = run(&[&hard[..], &["--require-completed"]].concat());
+    assert_eq!(output.status.code(), Some(3), "{}", text(&output.stderr));
+    let campaign = [
+        &["campaign", "--json", "--runs", "2", "--out", &out],
+        &hard[..],
+    ]
+    .concat();
+    let result = json(&flexor(&campaign));
+    assert_eq!(
+        (&result["failed"], &result["outcomes"]["contact_lost"]),
+        (&0.into(), &2.into())
+    );
+    // What would be of no effect.
+    let plant = root()
+        .join("examples/plant_soft.toml")
+        .display()
+        .to_string();
+    let output = run(&["--plant", &plant, "--set", "contact.friction=0.1"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("--plant"));
+    let output = flexor(&["campaign", "--runs", "4", "--shard", "5/10", "--out", &out]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("--shard 5/10"));
+    // A drive weaker than the board's is seen in the log, which the board does not tell.
+    let weak = run(&["--set", "drive1.limit_Nm=5.0"]);
+    let weak: Value = serde_json::from_slice(&weak.stdout).unwrap();
+    assert!(weak["limited_ticks"].as_u64().unwrap() > 1000);
 }

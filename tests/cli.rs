@@ -102,8 +102,8 @@ fn a_plan_comes_as_csv_table_and_json() {
         "t_s,theta10_rad,theta20_rad,w0,w1,w2,w3,w4,w5,root_slope_rate_rad_s,tau1_Nm,tau2_Nm";
     assert!(header.starts_with(columns), "{header}");
     assert_eq!(lines.clone().count(), 10_001);
-    assert!(lines.clone().next().unwrap().starts_with("0,0.96444"));
-    assert!(lines.next_back().unwrap().starts_with("2,"));
+    assert!(lines.clone().next().unwrap().starts_with("0.0,0.96444"));
+    assert!(lines.next_back().unwrap().starts_with("2.0,"));
     let image = std::fs::read(out.join("table.bin")).unwrap();
     assert_eq!(image.len() as u64, result["table_bytes"].as_u64().unwrap());
 }
@@ -114,7 +114,8 @@ fn controllers_modes_starts_and_numbers_can_be_chosen() {
     let path = |name: &str| out.join(name).to_str().unwrap().to_string();
     let rms = |arguments: &[&str]| {
         let out = path("run");
-        let mut all = vec!["run", "--json", "--plant-elements", "3", "--out", &out];
+        let mut all = vec!["run", "--ideal", "--json", "--plant-elements", "3"];
+        all.extend(["--out", &out]);
         all.extend(arguments);
         json(&flexor(&all))["force_error_rms_N"].as_f64().unwrap()
     };
@@ -173,7 +174,13 @@ fn a_script_can_demand_that_a_run_is_completed() {
     let out = folder("demand");
     let results = out.join("results");
     let run = |more: &[&str]| {
-        let arguments = ["run", "--json", "--out", results.to_str().unwrap()];
+        let arguments = [
+            "run",
+            "--ideal",
+            "--json",
+            "--out",
+            results.to_str().unwrap(),
+        ];
         flexor(&[&arguments[..], more].concat())
     };
     // Feedback alone leaves the path; these gains, with drives that give them all they want, end in

@@ -1,17 +1,24 @@
 //! Behaviour across Flexor's crates: the tests are in `tests/`, the independent
 //! reference figures they check against in `reference/`.
 //!
-//! This library reads the reference files and knows the paper's arm and tasks.
+//! This library reads the reference files, knows the paper's arm and tasks, and puts scenarios on
+//! the bench.
 
-use flexor::control::{LawParameters, PaperParameters};
+use flexor::control::{LawParameters, LimitParameters, PaperParameters};
 use flexor::model::ArmParameters;
+use flexor_sim::campaign::engine::Campaign;
+use flexor_sim::campaign::record::RunRecord;
 use flexor_sim::files::config;
+use flexor_sim::files::config::ScenarioConfig;
+use flexor_sim::planner::limits::default_limits;
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::table_fit;
 use flexor_sim::planner::table_fit::EncodedTable;
 use flexor_sim::planner::task::{Task, Window};
-use std::path::PathBuf;
-use std::sync::atomic::{AtomicU32, Ordering};
+use flexor_sim::simulation::bench::{BenchBoard, BenchTask};
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 /// A reference file of numbers: the header's names and the rows.
 #[derive(Debug)]
@@ -97,6 +104,109 @@ pub fn planned(arm: &ArmParameters, task: &Task) -> (Plan, EncodedTable) {
     let plan = plan(arm, task, &PlanOptions::default()).expect("a plan");
     let table = table_fit::fit_table(&plan).expect("a table");
     (plan, table)
+}
+
+/// A file of `examples`.
+pub fn example(name: &str) -> PathBuf {
+    [env!("CARGO_MANIFEST_DIR"), "..", "examples", name]
+        .iter()
+        .collect()
+}
+
+/// A scenario, planned, with all that its runs need: what `flexor campaign` makes of its file.
+#[derive(Clone, Debug)]
+pub struct OnBench {
+    /// The scenario, and the files that it names.
+    pub config: ScenarioConfig,
+    /// The plan.
+    pub plan: Plan,
+    /// Its table.
+    pub image: Vec<u8>,
+    /// The gains.
+    pub law: LawParameters,
+    /// The torque limits.
+    pub limits: LimitParameters,
+    /// The board.
+    pub board: BenchBoard,
+}
+
+impl OnBench {
+    /// The scenario `file` with `sets` (`key=value`) laid over it.
+    ///
+    /// # Panics
+    /// If it is none, or has no plan.
+    pub fn new(file: &Path, sets: &[&str]) -> Self {
+        let sets: Vec<String> = sets.iter().map(ToString::to_string).collect();
+        let config = config::load_scenario(Some(file), &sets).expect("a scenario");
+        let (arm, task, gains) = (&config.arm, &config.task, &config.controller);
+        let arm = config::load(arm.as_deref(), config::DEFAULT_ARM, config::parse_arm);
+        let task = config::load(task.as_deref(), config::DEFAULT_TASK, config::parse_task);
+        let law = config::load(
+            gains.as_deref(),
+            config::DEFAULT_CONTROLLER,
+            config::parse_controller,
+        );
+        let named = config.board.as_deref();
+        let board = config::load(named, config::DEFAULT_BOARD, config::parse_board);
+        let (arm, mut board) = (arm.expect("an arm"), board.expect("a board").parameters);
+        let options = PlanOptions {
+            elements: arm.elements,
+            tick_rate_hz: board.tick_rate_hz,
+            ..PlanOptions::default()
+        };
+        let plan = plan(&arm.arm, &task.expect("a task"), &options).expect("a plan");
+        if config.board.is_none() {
+            let slopes = plan.points.iter().map(|point| point.root_slope.abs());
+            let slope = slopes.fold(0.0, f64::max);
+            let force = plan.task.normal_force;
+            board = board.fitted(plan.peaks.torque, force, slope).0;
+        }
+        Self {
+            image: table_fit::fit_table(&plan).expect("a table").image,
+            law: law.expect("gains"),
+            limits: arm.limits.unwrap_or_else(|| default_limits(&plan)),
+            board: BenchBoard::from(&board),
+            config,
+            plan,
+        }
+    }
+
+    /// What every arm is to do.
+    pub fn task(&self) -> BenchTask<'_> {
+        BenchTask {
+            plan: &self.plan,
+            image: &self.image,
+            law: &self.law,
+            limits: &self.limits,
+            board: &self.board,
+            failure: &self.config.scenario.failure,
+        }
+    }
+
+    /// The campaign with this seed.
+    pub fn campaign(&self, seed: u64) -> Campaign<'_> {
+        Campaign {
+            task: self.task(),
+            scenario: &self.config.scenario,
+            seed,
+        }
+    }
+
+    /// The runs of these numbers, by rising number.
+    ///
+    /// # Panics
+    /// If one of them has no arm.
+    pub fn runs(&self, seed: u64, numbers: &[u64]) -> Vec<RunRecord> {
+        let records = Mutex::new(Vec::new());
+        self.campaign(seed)
+            .run_all(numbers, &AtomicBool::new(false), false, |record, _| {
+                records.lock().expect("no panic").push(record);
+            })
+            .expect("an arm for every run");
+        let mut records = records.into_inner().expect("no panic");
+        records.sort_by_key(|record| record.run);
+        records
+    }
 }
 
 /// The firmware's image, which `cargo xtask test` builds.

@@ -1,6 +1,7 @@
 //! What README and docs print: the commands are run, the tables compared with what the
 //! program says.
 
+use flexor_sim::campaign::keys::{KEYS, Key};
 use flexor_sim::files::config::{DEFAULT_BOARD, parse_board};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -60,15 +61,14 @@ fn commands() -> Vec<Vec<String>> {
 fn folder(test: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(test);
     let _ = fs::remove_dir_all(&folder);
-    fs::create_dir_all(folder.join("examples")).unwrap();
-    for entry in fs::read_dir(root().join("examples")).unwrap() {
-        let entry = entry.unwrap();
-        if entry.path().is_file() {
-            fs::copy(
-                entry.path(),
-                folder.join("examples").join(entry.file_name()),
-            )
-            .unwrap();
+    for examples in ["examples", "examples/scenarios"] {
+        fs::create_dir_all(folder.join(examples)).unwrap();
+        for entry in fs::read_dir(root().join(examples)).unwrap() {
+            let entry = entry.unwrap();
+            if entry.path().is_file() {
+                let copy = folder.join(examples).join(entry.file_name());
+                fs::copy(entry.path(), copy).unwrap();
+            }
         }
     }
     fs::copy(
@@ -210,6 +210,7 @@ fn the_table_of_what_feedback_is_worth_is_what_run_gives() {
                 &folder,
                 &[
                     "run",
+                    "--ideal",
                     "--bending-stiffness-scale",
                     "0.9",
                     "--plant-elements",
@@ -340,6 +341,32 @@ fn the_wiring_is_that_of_the_default_board() {
     ] {
         assert!(document.contains(&words), "no {words:?}");
     }
+}
+
+/// What a scenario's number accepts, as docs/bench.md says it.
+fn accepted(key: &Key) -> String {
+    let short = |x: f64| match x.abs() {
+        size if size == 0.0 || (1e-2..1e4).contains(&size) => format!("{x}"),
+        _ => format!("{x:e}"),
+    };
+    let above = if key.above { "above " } else { "" };
+    let whole = if key.whole { " (whole)" } else { "" };
+    format!("{above}{} to {}{whole}", short(key.low), short(key.high))
+}
+
+#[test]
+fn the_scenarios_numbers_are_all_explained() {
+    let rows = table("docs/bench.md", "| number | accepts |");
+    let keys: Vec<&Key> = KEYS.iter().copied().flatten().collect();
+    for (row, key) in rows.iter().zip(&keys) {
+        let [name, accepts, means] = row.as_slice() else {
+            panic!("{row:?}");
+        };
+        let wanted = (format!("`{}`", key.name), accepted(key));
+        assert_eq!((name, accepts), (&wanted.0, &wanted.1));
+        assert!(means.len() > 10, "{name}: {means}");
+    }
+    assert_eq!(rows.len(), keys.len());
 }
 
 #[test]

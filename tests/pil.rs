@@ -49,7 +49,11 @@ fn pil_gives_what_run_gives_to_the_last_byte() {
         "--bending-stiffness-scale",
         "0.9",
     ];
-    let run = flexor(&[&["run"], &common[..]].concat(), &folder.join("run")).unwrap();
+    let run = flexor(
+        &[&["run", "--ideal"], &common[..]].concat(),
+        &folder.join("run"),
+    )
+    .unwrap();
     let pil = ["pil", "--elf", elf.to_str().unwrap(), "--random", "100"];
     let pil = flexor(&[&pil[..], &common].concat(), &folder.join("pil")).unwrap();
     for file in ["run.csv", "plan.csv", "table.bin"] {

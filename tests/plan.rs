@@ -6,7 +6,7 @@
 use flexor::model::{ArmParameters, Elbow};
 use flexor_sim::planner::path::{LinePath, Profile};
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
-use flexor_sim::planner::task::{Equations, PlanError, Task, Window};
+use flexor_sim::planner::task::{Equations, PlanError, Remedy, Task, Window};
 use flexor_sim::plant::PlantParameters;
 use flexor_sim::simulation::start::{Start, plant_for};
 use flexor_tests::{RefTable, fast_task, paper_arm, paper_task};
@@ -479,4 +479,69 @@ fn the_tasks_fingerprint_tells_plans_apart() {
     let ticks = plan(&arm, &derived, &options).unwrap().pre_ticks;
     let window = Window::Fixed(f64::from(ticks) / f64::from(options.tick_rate_hz));
     assert_eq!(with(&|task| task.pre_actuation = window), auto);
+}
+
+/// The faster the motion, the farther the link bends, without bound before 0.065 s: no method finds
+/// what is not there, and past a right angle the equations mean nothing. The message says so, and
+/// which duration there is a plan for.
+#[test]
+fn a_motion_that_bends_the_link_without_bound_is_told_with_the_duration_that_does_not() {
+    const AUTO: Window = Window::Auto { tolerance: 1e-6 };
+    let within = |duration: f64| {
+        let mut task = paper_task();
+        task.path.duration = duration;
+        (task.pre_actuation, task.post_actuation) = (AUTO, AUTO);
+        plan(&paper_arm(), &task, &PlanOptions::default())
+    };
+    let slope = |plan: &Plan| {
+        let slopes = plan.points.iter().map(|point| point.root_slope.abs());
+        slopes.fold(0.0, f64::max)
+    };
+    let [slow, fast] = [0.2, 0.12].map(|duration| slope(&within(duration).unwrap()));
+    assert!(slow < fast && fast < 1.5, "{slow} {fast}");
+    for duration in [0.06, 0.05, 0.02] {
+        let error = within(duration).unwrap_err();
+        let PlanError::Deflection {
+            remedy:
+                Remedy::Duration {
+                    accepted_s,
+                    slope_rad,
+                    ..
+                },
+            ..
+        } = error
+        else {
+            panic!("{duration} s: {error}");
+        };
+        assert!(error.to_string().contains("bend without bound"), "{error}");
+        // What is advised is true, and not much longer than it must be.
+        assert_eq!(slope(&within(accepted_s).unwrap()), slope_rad);
+        assert!(within(0.85 * accepted_s).is_err(), "{accepted_s} s");
+    }
+}
+
+/// Where rounding is the cause, that is said, and neither force nor duration blamed.
+#[test]
+fn too_many_elements_are_told_to_be_too_many() {
+    let hub = |root_inertia_kgm2, elements| {
+        let arm = ArmParameters {
+            root_inertia_kgm2,
+            ..paper_arm()
+        };
+        let options = PlanOptions {
+            elements,
+            ..PlanOptions::default()
+        };
+        plan(&arm, &paper_task(), &options)
+    };
+    for (inertia, elements) in [(0.05, 8), (0.2, 8), (0.2, 12)] {
+        let words = hub(inertia, elements).unwrap_err().to_string();
+        let cause = format!("link2.elements = {elements} are too many");
+        assert!(words.contains(&cause), "{words}");
+        assert!(
+            !words.contains("force") && !words.contains("tip_inertia"),
+            "{words}"
+        );
+        hub(inertia, 3).unwrap();
+    }
 }

@@ -157,10 +157,8 @@ fn campaign_2_s<T: Lanes>(bencher: divan::Bencher<'_, '_>) {
         board: &BenchBoard::from(&board.parameters),
         failure: &FailureLimits::default(),
     };
-    let setup = BenchSetup {
-        elements: 8,
-        ..BenchSetup::default()
-    };
+    let mut setup = BenchSetup::default();
+    setup.plant.elements = 8;
     let arms = vec![setup.on_bench(&plan, 1).expect("an arm"); T::LANES];
     bencher.bench(|| bench::run::<T>(&task, &arms, |_, _, _| ()));
 }

@@ -40,10 +40,8 @@ fn main() -> Result<()> {
         failure: &FailureLimits::default(),
     };
     let setup = |elements: f64, stiffness_n_m: f64| {
-        let mut setup = BenchSetup {
-            elements: elements as usize,
-            ..BenchSetup::default()
-        };
+        let mut setup = BenchSetup::default();
+        setup.plant.elements = elements as usize;
         setup.compliant.contact.stiffness_n_m = stiffness_n_m;
         setup
     };

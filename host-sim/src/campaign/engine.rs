@@ -54,6 +54,19 @@ pub struct Drawn {
 }
 
 impl Campaign<'_> {
+    /// Makes sure that every one of these runs has an arm, before any of them is run: to draw an arm
+    /// takes a twentieth of what a run takes.
+    ///
+    /// # Errors
+    /// The first [`CampaignError`].
+    pub fn check(&self, runs: &[u64]) -> Result<(), CampaignError> {
+        let check = |run: &u64| self.draw(*run).map(drop);
+        runs.par_iter()
+            .map(check)
+            .find_first(Result::is_err)
+            .unwrap_or(Ok(()))
+    }
+
     /// The runs of these numbers, each handed to `done` as soon as it is over, in no order, with its
     /// ticks if `ticks` says so. Ends early once `stop` is set.
     ///

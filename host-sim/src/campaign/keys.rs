@@ -92,7 +92,7 @@ macro_rules! of_joint {
                 1e4,
                 "a torque in N m",
                 |s, x| {
-                    s.compliant.joints[$i].friction.coulomb_nm = x;
+                    s.plant.coulomb_friction_nm[$i] = x;
                 },
             ),
             from(
@@ -119,7 +119,7 @@ macro_rules! of_joint {
                 1e4,
                 "a friction in N m s/rad",
                 |s, x| {
-                    s.compliant.joints[$i].friction.viscous_nms_rad = x;
+                    s.plant.viscous_friction_nms_rad[$i] = x;
                 },
             ),
             from(
@@ -331,14 +331,14 @@ const ARM: [Key; 11] = [
         ELEMENTS_MAX as f64,
         "a whole number of elements",
         |s, x| {
-            s.elements = x as usize;
+            s.plant.elements = x as usize;
         },
     ),
     from("plant.link1_mass_scale", 0.01, 100.0, "a factor", |s, x| {
-        s.link1_mass_scale = x;
+        s.plant.link1_mass_scale = x;
     }),
     from("plant.link2_mass_scale", 0.01, 100.0, "a factor", |s, x| {
-        s.link2_mass_scale = x;
+        s.plant.link2_mass_scale = x;
     }),
     from(
         "plant.link1_length_offset_m",
@@ -364,11 +364,11 @@ const ARM: [Key; 11] = [
         100.0,
         "a factor",
         |s, x| {
-            s.bending_stiffness_scale = x;
+            s.plant.bending_stiffness_scale = x;
         },
     ),
     from("plant.damping_scale", 0.0, 10.0, "a factor", |s, x| {
-        s.damping_scale = x;
+        s.plant.damping_scale = x;
     }),
     from(
         "plant.root_inertia_kgm2",
@@ -376,11 +376,11 @@ const ARM: [Key; 11] = [
         1e3,
         "an inertia in kg m^2",
         |s, x| {
-            s.root_inertia_kgm2 = Some(x);
+            s.plant.root_inertia_kgm2 = Some(x);
         },
     ),
     from("plant.tip_mass_kg", 0.0, 1e5, "a mass in kg", |s, x| {
-        s.tip_mass_kg = Some(x);
+        s.plant.tip_mass_kg = Some(x);
     }),
     from(
         "plant.tip_inertia_kgm2",
@@ -388,7 +388,7 @@ const ARM: [Key; 11] = [
         1e3,
         "an inertia in kg m^2",
         |s, x| {
-            s.tip_inertia_kgm2 = Some(x);
+            s.plant.tip_inertia_kgm2 = Some(x);
         },
     ),
     whole(
@@ -397,7 +397,7 @@ const ARM: [Key; 11] = [
         SUBSTEPS_MAX as f64,
         "a whole number of integration steps a tick",
         |s, x| {
-            s.compliant.substeps = Some(x as u32);
+            s.plant.substeps = Some(x as u32);
         },
     ),
 ];

@@ -59,7 +59,7 @@ impl Scenario {
     /// The arm whose numbers are `value`, and those that are spread.
     fn with(&self, value: impl Fn(&Key, &Distribution) -> f64) -> (BenchSetup, Vec<f64>) {
         let mut setup = BenchSetup::default();
-        setup.compliant.geometric_stiffness = self.geometric_stiffness;
+        setup.plant.geometric_stiffness = self.geometric_stiffness;
         setup.compliant.surface.features.clone_from(&self.features);
         setup.faults.clone_from(&self.faults);
         if let Some(signal) = self.gauge_signal {

@@ -41,6 +41,8 @@ pub(super) struct Bench {
     pub(super) board: BenchBoard,
     /// The scenario.
     pub(super) config: ScenarioConfig,
+    /// What a reader should know, once it is clear that something runs.
+    note: Option<String>,
     /// The texts that decide the runs.
     pub(super) inputs: Vec<CampaignInput>,
 }
@@ -68,7 +70,8 @@ impl ScenarioArgs {
         let (arm, task) = common.load()?;
         let law = controller(gains)?;
         let planned = common.plan(&arm, &task)?;
-        let board = board_for(&common, &planned.plan)?;
+        self.check_faults(&config, &planned.plan)?;
+        let (board, note) = board_for(&common, &planned.plan)?;
         let mut inputs = vec![input(
             "scenario",
             self.scenario.as_deref(),
@@ -104,8 +107,27 @@ impl ScenarioArgs {
             law,
             board,
             config,
+            note,
             inputs,
         })
+    }
+
+    /// A fault that no run lives to see is a mistake.
+    fn check_faults(&self, config: &ScenarioConfig, plan: &Plan) -> Result<(), CliError> {
+        let end_s = plan.points.last().map_or(0.0, |point| point.t);
+        let faults = config.scenario.faults.iter().enumerate();
+        match faults.into_iter().find(|(_, fault)| fault.from_s > end_s) {
+            None => Ok(()),
+            Some((i, fault)) => Err(CliError::Config(ConfigError::OutOfRange {
+                file: self
+                    .scenario
+                    .as_ref()
+                    .map_or("--set".into(), |file| file.display().to_string()),
+                field: format!("faults[{i}].at_s"),
+                value: fault.from_s,
+                accepted: format!("a time in s up to the run's end, {end_s}"),
+            })),
+        }
     }
 
     /// What the command line says that is in no file.
@@ -133,22 +155,25 @@ impl ScenarioArgs {
 }
 
 /// The board for a plan: the one that is named, or the default one made large enough, as it need
-/// not be the arm's.
-fn board_for(common: &Common, plan: &Plan) -> Result<BenchBoard, CliError> {
+/// not be the arm's; and a note, if that was so.
+fn board_for(common: &Common, plan: &Plan) -> Result<(BenchBoard, Option<String>), CliError> {
     let board = common.board()?.parameters;
     if common.board.is_some() {
-        return Ok(BenchBoard::from(&board));
+        return Ok((BenchBoard::from(&board), None));
     }
     let slopes = plan.points.iter().map(|point| point.root_slope.abs());
     let slope = slopes.fold(0.0, f64::max);
     let (board, enlarged) = board.fitted(plan.peaks.torque, plan.task.normal_force, slope);
-    if enlarged {
-        say(format_args!(
-            "note: the default board's ranges are too small for this arm; the bench takes drives of {} and {} N m; --board FILE says what there is",
-            board.drive_full_scale_nm[0], board.drive_full_scale_nm[1]
-        ));
-    }
-    Ok(BenchBoard::from(&board))
+    let note = enlarged.then(|| {
+        format!(
+            "the default board's ranges are too small for this arm; the bench takes drives of {} and {} N m, a force cell of {} N, a gauge of {} rad; --board FILE says what there is",
+            board.drive_full_scale_nm[0],
+            board.drive_full_scale_nm[1],
+            board.force_range_n[1],
+            board.gauge_range_rad[1]
+        )
+    });
+    Ok((BenchBoard::from(&board), note))
 }
 
 /// An input that decides the runs; `said` is what the command line named it by, nothing where the
@@ -169,6 +194,13 @@ fn text(file: Option<&Path>, default: &str) -> Result<String, ConfigError> {
 }
 
 impl Bench {
+    /// Says what a reader should know.
+    pub(super) fn say_note(&self) {
+        if let Some(note) = &self.note {
+            say(format_args!("note: {note}"));
+        }
+    }
+
     /// What every arm is to do.
     pub(super) fn task(&self) -> BenchTask<'_> {
         BenchTask {
@@ -194,6 +226,12 @@ impl Bench {
         json: bool,
     ) -> Result<RunFigures, CliError> {
         let plan = &self.planned.plan;
+        self.say_note();
+        if let Some(refusal) = bench::refusal(&self.task(), arm)? {
+            say(format_args!(
+                "warning: a board would not be enabled where this arm starts ({refusal}); the bench enables it all the same"
+            ));
+        }
         let since = Instant::now();
         let progress = progress_bar(plan.points.len() as u64, "ticks, {eta} left");
         let mut log = BenchLog::new(plan.points.len());
@@ -221,23 +259,7 @@ impl Bench {
         output.json("summary.json", &summary)?;
         let mut all = self.planned.facts();
         all.extend(facts);
-        all.extend([
-            (
-                "simulated in".into(),
-                format!("{run_ms:.0} ms, plant with {} elements", run.elements),
-            ),
-            (
-                "without contact".into(),
-                format!("{} ms", four_digits(1e3 * figures.contact_lost_s)),
-            ),
-            (
-                "along the surface".into(),
-                format!(
-                    "{} mm off at most",
-                    four_digits(1e3 * figures.along_error_max_m)
-                ),
-            ),
-        ]);
+        all.extend(facts_of(&figures, run_ms, run.elements));
         let name = law_name(&self.law);
         let place = pages::runs(&output, title, &[(name, "bench", plan, &run)], &all)?;
         output.commit()?;
@@ -263,4 +285,19 @@ fn law_name(law: &LawParameters) -> &'static str {
             _ => "feedback",
         },
     }
+}
+
+/// What a reader wants to know of a run besides its errors, which took `run_ms`.
+fn facts_of(figures: &RunFigures, run_ms: f64, elements: usize) -> [(String, String); 3] {
+    let off_mm = four_digits(1e3 * figures.along_error_max_m);
+    let lost_ms = four_digits(1e3 * figures.contact_lost_s);
+    [
+        (
+            "simulated in",
+            format!("{run_ms:.0} ms, plant with {elements} elements"),
+        ),
+        ("without contact", format!("{lost_ms} ms")),
+        ("along the surface", format!("{off_mm} mm off at most")),
+    ]
+    .map(|(name, fact)| (name.into(), fact))
 }

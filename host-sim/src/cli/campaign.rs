@@ -11,7 +11,7 @@ use crate::campaign::record::{CampaignRecords, RunRecord};
 use crate::campaign::scenario::Scenario;
 use crate::campaign::statistics::Statistics;
 use crate::files::campaign_parquet::rows_parquet;
-use crate::files::campaign_rows::{RowWriter, WholeRows, read_rows, read_rows_lenient, rows_csv};
+use crate::files::campaign_rows::{RowWriter, read_rows, read_rows_lenient, rows_csv};
 use crate::files::campaign_summary::summary_json;
 use crate::files::ticks_parquet::ticks_parquet;
 use crate::files::{config, export};
@@ -157,18 +157,12 @@ fn runs(args: &CampaignArgs) -> Result<(), CliError> {
         .scenario
         .prepare(&args.common, args.controller.as_deref())?;
     let identity = args.identity(&bench);
-    let campaign = Campaign {
-        task: bench.task(),
-        scenario: &bench.config.scenario,
-        seed: args.seed,
+    let ticks = match args.write {
+        WriteArg::Summary => None,
+        WriteArg::All => Some(output.keep("runs")?),
     };
-    let mut checkpoint = Checkpoint::open(&output, &identity, &bench.config.scenario)?;
-    let done: BTreeSet<u64> = checkpoint
-        .records
-        .runs
-        .iter()
-        .map(|record| record.run)
-        .collect();
+    let mut checkpoint = Checkpoint::open(&output, &identity, &bench, ticks)?;
+    let done: BTreeSet<u64> = checkpoint.numbers().collect();
     if !done.is_empty() {
         say(format_args!(
             "{} runs of an interrupted campaign are there",
@@ -180,23 +174,54 @@ fn runs(args: &CampaignArgs) -> Result<(), CliError> {
         .runs(args.runs)
         .filter(|run| !done.contains(run))
         .collect();
-    let progress = progress_bar(left.len() as u64, "runs, {eta} left");
-    let since = Instant::now();
-    let all = args.write == WriteArg::All;
-    let ticks = output.keep("runs")?;
-    if all {
-        std::fs::create_dir_all(&ticks).map_err(unwritable(&ticks))?;
+    if left.is_empty() && done.is_empty() {
+        return Err(CliError::EmptyShard {
+            shard: args.shard,
+            runs: args.runs,
+        });
     }
-    let failed = Mutex::new(None);
+    bench.say_note();
+    let since = Instant::now();
+    let ended = advance(args.seed, &bench, &left, &mut checkpoint);
+    let wall_s = since.elapsed().as_secs_f64();
+    if ended.is_err() && checkpoint.records.runs.is_empty() {
+        output.forget();
+    }
+    ended?;
+    let plan = &bench.planned.plan;
+    let simulated_s = left.len() as f64 * plan.points.len() as f64 / f64::from(plan.tick_rate_hz);
+    let results = Results {
+        identity,
+        records: checkpoint.finish(&output)?,
+        scenario: &bench.config.scenario,
+        real_time_factor: (!left.is_empty()).then_some(simulated_s / wall_s),
+    };
+    results.report(output, args.common.json)
+}
+
+/// Makes the runs that are `left`, on all cores, each into the `checkpoint` as soon as it is over.
+fn advance(
+    seed: u64,
+    bench: &Bench,
+    left: &[u64],
+    checkpoint: &mut Checkpoint,
+) -> Result<(), CliError> {
+    let campaign = Campaign {
+        task: bench.task(),
+        scenario: &bench.config.scenario,
+        seed,
+    };
+    campaign.check(left)?;
+    let progress = progress_bar(left.len() as u64, "runs, {eta} left");
     let stop = AtomicBool::new(false);
-    let shared = Mutex::new(&mut checkpoint);
-    let ended = campaign.run_all(&left, &stop, all, |record, rows| {
+    let ticks = checkpoint.ticks.clone();
+    let failed = Mutex::new(None);
+    let shared = Mutex::new(checkpoint);
+    let ended = campaign.run_all(left, &stop, ticks.is_some(), |record, rows| {
         progress.inc(1);
-        let written = if all {
-            write_ticks(&ticks, record.run, &rows)
-        } else {
-            Ok(())
-        };
+        let written = ticks
+            .as_ref()
+            .map_or(Ok(()), |folder| write_ticks(folder, record.run, &rows));
         let mut checkpoint = shared.lock().unwrap_or_else(PoisonError::into_inner);
         // In this order: a run that is there has its ticks.
         if let Err(error) = written.and_then(|()| checkpoint.add(record)) {
@@ -205,33 +230,9 @@ fn runs(args: &CampaignArgs) -> Result<(), CliError> {
         }
     });
     progress.finish_and_clear();
-    if ended.is_err() && checkpoint.records.runs.is_empty() {
-        output.forget();
-    }
     ended?;
-    if let Some(error) = failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
-        return Err(error);
-    }
-    let wall_s = since.elapsed().as_secs_f64();
-    if all {
-        let place = output.partial().join("runs");
-        std::fs::rename(&ticks, &place).map_err(unwritable(&place))?;
-    }
-    let plan = &bench.planned.plan;
-    let simulated_s = left.len() as f64 * plan.points.len() as f64 / f64::from(plan.tick_rate_hz);
-    let factor = if left.is_empty() {
-        None
-    } else {
-        Some(simulated_s / wall_s)
-    };
-    let records = checkpoint.finish();
-    let results = Results {
-        identity,
-        records,
-        scenario: &bench.config.scenario,
-        real_time_factor: factor,
-    };
-    results.report(output, args.common.json)
+    let failed = failed.into_inner().unwrap_or_else(PoisonError::into_inner);
+    failed.map_or(Ok(()), Err)
 }
 
 /// The error of a file that cannot be written.
@@ -256,18 +257,41 @@ struct Checkpoint {
     records: CampaignRecords,
     file: PathBuf,
     writer: RowWriter<File>,
+    /// The folder of the runs' ticks, where they are wanted.
+    ticks: Option<PathBuf>,
 }
 
 impl Checkpoint {
-    /// What an interrupted campaign of this `identity` has left, or nothing yet.
+    /// What an interrupted campaign of this `identity` has left, or nothing yet. `ticks` is the
+    /// folder for the runs' ticks, where they are wanted.
     fn open(
         output: &Output,
         identity: &CampaignIdentity,
-        scenario: &Scenario,
+        bench: &Bench,
+        ticks: Option<PathBuf>,
     ) -> Result<Self, CliError> {
-        let (file, other) = (output.keep("rows.csv")?, output.keep("campaign.json")?);
-        let parameters: Vec<String> = scenario.spread_keys().map(String::from).collect();
-        if let Some(whole) = left_there(&file, &other, identity)
+        // Runs without ticks are of no use where they are wanted.
+        let name = match &ticks {
+            Some(_) => "rows_with_ticks.csv",
+            None => "rows.csv",
+        };
+        let other = output.keep("campaign.json")?;
+        let same = is_of(&other, identity);
+        if !same {
+            // Nothing of another campaign may get into this one: neither its rows, of either kind,
+            // nor its ticks.
+            output.forget();
+        }
+        let file = output.keep(name)?;
+        if let Some(folder) = &ticks {
+            std::fs::create_dir_all(folder).map_err(unwritable(folder))?;
+        }
+        let keys = bench.config.scenario.spread_keys();
+        let parameters: Vec<String> = keys.map(String::from).collect();
+        if same
+            && let Ok(whole) = read_rows_lenient(&file)
+            // Not even its first line, perhaps.
+            && whole.bytes > 0
             && whole.records.parameters == parameters
         {
             let open = || {
@@ -276,12 +300,11 @@ impl Checkpoint {
                 opened.set_len(whole.bytes)?;
                 Ok(opened)
             };
-            let writer = RowWriter::resumed(open().map_err(unwritable(&file))?);
-            let records = whole.records;
             return Ok(Self {
-                records,
+                records: whole.records,
+                writer: RowWriter::resumed(open().map_err(unwritable(&file))?),
                 file,
-                writer,
+                ticks,
             });
         }
         let text = serde_json::to_string(identity).map_err(io::Error::from);
@@ -301,7 +324,13 @@ impl Checkpoint {
             records,
             file,
             writer,
+            ticks,
         })
+    }
+
+    /// Numbers of the runs that are there.
+    fn numbers(&self) -> impl Iterator<Item = u64> {
+        self.records.runs.iter().map(|record| record.run)
     }
 
     fn add(&mut self, record: RunRecord) -> Result<(), CliError> {
@@ -309,31 +338,34 @@ impl Checkpoint {
             .writer
             .write(&record)
             .and_then(|()| self.writer.flush());
-        written.map_err(|cause| CliError::Unwritable {
-            file: self.file.clone(),
-            cause,
-        })?;
+        written.map_err(unwritable(&self.file))?;
         self.records.runs.push(record);
         Ok(())
     }
 
-    fn finish(mut self) -> CampaignRecords {
+    /// All runs by their number; their ticks go to `output`.
+    fn finish(mut self, output: &Output) -> Result<CampaignRecords, CliError> {
+        if let Some(ticks) = &self.ticks {
+            let place = output.partial().join("runs");
+            std::fs::rename(ticks, &place).map_err(unwritable(&place))?;
+        }
         self.records.runs.sort_by_key(|record| record.run);
-        self.records
+        Ok(self.records)
     }
 }
 
-/// The rows of `file`, if the campaign beside it, in `other`, is this one.
-fn left_there(file: &Path, other: &Path, identity: &CampaignIdentity) -> Option<WholeRows> {
-    let text = std::fs::read_to_string(other).ok()?;
-    let found: CampaignIdentity = serde_json::from_str(&text).ok()?;
+/// Whether what an interrupted campaign has left is of this one, by its identity in `file`.
+fn is_of(file: &Path, identity: &CampaignIdentity) -> bool {
+    let found = std::fs::read_to_string(file).ok();
+    let found = found.and_then(|text| serde_json::from_str::<CampaignIdentity>(&text).ok());
+    let Some(found) = found else {
+        return false;
+    };
     let same = found.difference(identity).is_none() && found.shard == identity.shard;
     if !same {
         say("note: an interrupted campaign in this folder was another one; it is begun anew");
-        return None;
     }
-    // Not even its first line, perhaps.
-    read_rows_lenient(file).ok().filter(|whole| whole.bytes > 0)
+    same
 }
 
 /// A campaign's results, to be written and shown.

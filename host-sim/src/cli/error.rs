@@ -4,6 +4,7 @@ use crate::analysis::fixed_point::accuracy::AccuracyError;
 use crate::analysis::fixed_point::range::RangeError;
 use crate::analysis::stability::StabilityError;
 use crate::campaign::engine::CampaignError;
+use crate::campaign::identity::Shard;
 use crate::campaign::merge::MergeError;
 use crate::files::campaign_rows::RowsError;
 use crate::files::config::ConfigError;
@@ -78,6 +79,8 @@ pub(super) enum CliError {
     At { at_s: f64, start_s: f64, end_s: f64 },
     #[error("--only {number}; accepted: a run from 0 to {}, as --runs says", runs - 1)]
     NoRun { number: u64, runs: u64 },
+    #[error("--shard {shard} has none of --runs {runs}; accepted: as many shards as runs at most")]
+    EmptyShard { shard: Shard, runs: u64 },
     #[error(transparent)]
     Bench(#[from] BenchError),
     #[error(transparent)]
@@ -175,6 +178,7 @@ impl CliError {
             | Self::NoEffect { .. }
             | Self::PaperLawOnly { .. }
             | Self::NoRun { .. }
+            | Self::EmptyShard { .. }
             | Self::Bench(_)
             | Self::Campaign(_)
             | Self::Merge(_)

@@ -20,6 +20,8 @@ use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, BufWriter, Read, Seek, Write};
 use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The file that is locked and lists the result's files.
 const MANIFEST: &str = ".flexor";
@@ -50,6 +52,8 @@ pub(super) struct Output {
     made: Vec<PathBuf>,
     /// Files of the older result that are this command's input.
     inputs: BTreeSet<String>,
+    /// True once the command has taken a place for what it wants to find again.
+    keeps: Arc<AtomicBool>,
     committed: bool,
 }
 
@@ -69,13 +73,19 @@ impl Output {
         let manifest = Manifest::lock(folder)?;
         let partial = folder.join(PARTIAL);
         let place = folder.to_path_buf();
+        let keeps = Arc::new(AtomicBool::new(false));
         signals::clean_up_when_ended({
             let (manifest, made) = (manifest.untouched(), made.clone());
+            let keeps = Arc::clone(&keeps);
             move || {
                 remove_folder(&place.join(PARTIAL));
                 manifest.remove_if_empty(&made);
+                let kept = match keeps.load(Ordering::Relaxed) {
+                    true => "; the same command goes on from here",
+                    false => "",
+                };
                 say(format_args!(
-                    "error: interrupted; {} is as it was before",
+                    "error: interrupted; {} is as it was before{kept}",
                     place.display()
                 ));
             }
@@ -86,6 +96,7 @@ impl Output {
             manifest,
             made,
             inputs: BTreeSet::new(),
+            keeps,
             committed: false,
         };
         remove_folder(&partial);
@@ -145,6 +156,7 @@ impl Output {
     pub(super) fn keep(&self, name: &str) -> Result<PathBuf, CliError> {
         let kept = self.folder.join(KEPT);
         fs::create_dir_all(&kept).map_err(|cause| unwritable(&kept, cause))?;
+        self.keeps.store(true, Ordering::Relaxed);
         Ok(kept.join(name))
     }
 

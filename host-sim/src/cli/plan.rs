@@ -286,11 +286,11 @@ impl Planned {
                 "{:.1} ms, {intervals} intervals, {iterations} Newton steps; the table in {:.1} ms",
                 self.plan_ms, self.table_ms)),
             ("deflection error estimate", format!("{:.1e} rad, of the length", plan.error_estimate())),
-            ("planned torque", format!("up to {:.4} and {:.4} N m", peaks.torque[0], peaks.torque[1])),
+            ("planned torque", format!("up to {} and {} N m", four_digits(peaks.torque[0]), four_digits(peaks.torque[1]))),
             ("torque limits", format!(
                 "{} and {} N m, {}", four_digits(self.limits.torque_nm[0]),
                 four_digits(self.limits.torque_nm[1]), self.limits_of.words())),
-            ("planned power", format!("up to {:.3} and {:.3} W", peaks.power[0], peaks.power[1])),
+            ("planned power", format!("up to {} and {} W", four_digits(peaks.power[0]), four_digits(peaks.power[1]))),
             ("slope rate at the start", format!("{:.2e} rad/s", plan.points[0].root_slope_rate)),
             ("feedforward table", format!(
                 "task {:#010x}, {} bytes, torque to {:.1e} N m, {:.1e} of its peak",

@@ -4,7 +4,7 @@ use super::bench::ScenarioArgs;
 use super::plan::Planned;
 use super::{
     CliError, Common, Output, accuracy, controller, gains, pages, print, print_facts, progress_bar,
-    results,
+    results, say,
 };
 use crate::analysis::fixed_point::accuracy::run_fixed;
 use crate::analysis::fixed_point::range;
@@ -49,8 +49,8 @@ pub(super) struct SimulationArgs {
     /// State that the plant starts in; before the plant file's [equilibrium]
     #[arg(long, value_enum)]
     start: Option<StartArg>,
-    /// Exit code 3 unless the run is completed: also where the tip leaves the path or the
-    /// contact is lost
+    /// Exit code 3 unless the run is completed: also where the tip leaves the path or, with
+    /// --ideal, the contact is lost (on the bench that is a figure, contact_lost_s)
     #[arg(long)]
     require_completed: bool,
     /// A table to run instead of the one that is planned; it must be of this arm and task,
@@ -69,7 +69,7 @@ pub(super) struct RunArgs {
     /// paper's world, without board and scenario
     #[arg(long, conflicts_with_all = ["scenario", "set", "board"])]
     ideal: bool,
-    /// Number type that the controller computes in; another than f32 needs --ideal
+    /// Number type that the controller computes in; another than f32 is of the paper's world
     #[arg(long, value_enum, default_value_t = NumberArg::F32)]
     number: NumberArg,
     /// Folder for the results; made if it is not there
@@ -103,15 +103,49 @@ enum NumberArg {
 }
 
 pub(super) fn run_command(args: &RunArgs) -> Result<(), CliError> {
-    if !args.ideal {
-        if args.number != NumberArg::F32 {
-            return Err(CliError::NoEffect {
-                what: "--number",
-                beside: "without --ideal: a board with sensors computes in f32",
-            });
+    match (args.ideal, args.only_ideal()) {
+        (true, _) => run_ideal(args),
+        (false, None) => run_on_bench(args),
+        (false, Some(what)) if args.says_bench() => Err(CliError::NoEffect {
+            what,
+            beside: "on the bench, whose board computes in f32 and whose arm starts at its own equilibrium: leave it or --scenario, --set and --board out",
+        }),
+        (false, Some(what)) => {
+            say(format_args!(
+                "note: {what} is of the paper's world alone, without a board's counts: as with --ideal"
+            ));
+            run_ideal(args)
         }
-        return run_on_bench(args);
     }
+}
+
+impl RunArgs {
+    /// What was asked for that only the paper's world has, if anything.
+    fn only_ideal(&self) -> Option<&'static str> {
+        let simulation = &self.simulation;
+        if self.number != NumberArg::F32 {
+            return Some("another --number than f32");
+        }
+        if !matches!(simulation.start, None | Some(StartArg::Equilibrium)) {
+            return Some("another --start than equilibrium");
+        }
+        // What is wrong with the file is said by whoever runs.
+        let read = config::load(simulation.plant.as_deref(), "", config::parse_plant);
+        let starts = read.map_or(Start::Equilibrium, |(_, start)| start);
+        let other = starts != Start::Equilibrium && simulation.start.is_none();
+        other.then_some("another start than \"equilibrium\"")
+    }
+
+    /// Whether anything was said that only the bench has.
+    fn says_bench(&self) -> bool {
+        let scenario = &self.scenario;
+        let board = &self.simulation.common.board;
+        scenario.scenario.is_some() || !scenario.set.is_empty() || board.is_some()
+    }
+}
+
+/// `run` in the paper's world.
+fn run_ideal(args: &RunArgs) -> Result<(), CliError> {
     let output = Output::open(&args.out, args.simulation.inputs())?;
     let simulation = args.simulation.prepare()?;
     let Simulation {
@@ -173,6 +207,13 @@ fn run_on_bench(args: &RunArgs) -> Result<(), CliError> {
         .chain([args.scenario.scenario.as_deref()]);
     let output = Output::open(&args.out, inputs)?;
     simulation.check_gains()?;
+    let scenario = &args.scenario;
+    if simulation.plant.is_some() && (scenario.scenario.is_some() || !scenario.set.is_empty()) {
+        return Err(CliError::NoEffect {
+            what: "--plant",
+            beside: "beside --scenario or --set, whose plant section says how the arm differs: leave one of them out",
+        });
+    }
     let mut bench = args
         .scenario
         .prepare(&simulation.common, simulation.controller.as_deref())?;
@@ -184,30 +225,17 @@ fn run_on_bench(args: &RunArgs) -> Result<(), CliError> {
     }
     let mut setup = bench.config.scenario.middle();
     if let Some(file) = &simulation.plant {
-        let (plant, start) = config::load(Some(file), "", config::parse_plant)?;
-        if start != Start::Equilibrium {
-            return Err(CliError::NoEffect {
-                what: "start",
-                beside: "without --ideal: the bench starts at the plant's own equilibrium",
-            });
-        }
-        setup.apply(&plant);
+        setup.plant = config::load(Some(file), "", config::parse_plant)?.0;
     }
-    if simulation.start.is_some() {
-        return Err(CliError::NoEffect {
-            what: "--start",
-            beside: "without --ideal: the bench starts at the plant's own equilibrium",
-        });
+    simulation.adjust(&mut setup.plant, &mut Start::default())?;
+    let arm = setup.on_bench(plan, 1)?;
+    // The hybrid law's stability is not examined yet.
+    if let LawParameters::Paper(law) = &bench.law
+        && law.has_feedback()
+    {
+        let plant = setup.on_rigid_surface(&plan.model.arm);
+        gains::warn(plan, &plant, law);
     }
-    let mut given = PlantParameters {
-        elements: setup.elements,
-        bending_stiffness_scale: setup.bending_stiffness_scale,
-        ..PlantParameters::default()
-    };
-    simulation.adjust(&mut given, &mut Start::default())?;
-    setup.elements = given.elements;
-    setup.bending_stiffness_scale = given.bending_stiffness_scale;
-    let arm = setup.on_bench(&bench.planned.plan, 1)?;
     let nothing = (Map::new(), Vec::new());
     let json = simulation.common.json;
     let figures = bench.run(output, &arm, "Flexor: run", nothing, json)?;

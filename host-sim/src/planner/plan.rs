@@ -19,7 +19,7 @@ use crate::model::printed::inverse_as_printed;
 use crate::planner::collocation::Solution;
 use crate::planner::elastic_bvp::{Deflection, largest, rigid_torque};
 use crate::planner::path::{LinePath, Profile, TipMotion};
-use crate::planner::task::{Equations, PlanError, Task, surface};
+use crate::planner::task::{Equations, PlanError, Remedy, SLOPE_MAX_RAD, Task, surface};
 use crate::planner::zeros::{fastest_zero, window_length};
 use crate::text::Shortest;
 use flexor::model::{ArmParameters, Elbow, JointMotion, fingerprint};
@@ -194,6 +194,66 @@ impl Default for PlanOptions {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn plan(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<Plan, PlanError> {
+    match attempt(arm, task, options) {
+        Err(PlanError::Deflection { cause, .. }) => Err(PlanError::Deflection {
+            cause,
+            remedy: remedy(arm, task, options),
+        }),
+        other => other,
+    }
+}
+
+/// What makes a task that has no plan one that has: fewer elements, or more time, the shortest
+/// but for a sixteenth of it. All that is tried costs less than the failure of one plan of many
+/// elements.
+fn remedy(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Remedy {
+    /// As few as give the paper's torques.
+    const FEW: usize = 3;
+    /// Up to 64 times the duration.
+    const DOUBLINGS: u32 = 6;
+    const HALVINGS: u32 = 3;
+    let refused = options.elements;
+    let elements = refused.min(FEW);
+    let options = PlanOptions {
+        elements,
+        ..*options
+    };
+    let within = |duration: f64| {
+        let mut slower = *task;
+        slower.path.duration = duration;
+        attempt(arm, &slower, &options).ok()
+    };
+    let refused_s = task.path.duration;
+    if elements < refused && within(refused_s).is_some() {
+        return Remedy::Elements {
+            refused,
+            accepted: elements,
+        };
+    }
+    let doubled = (1..=DOUBLINGS).map(|power| refused_s * f64::from(1 << power));
+    let found = doubled.filter_map(|duration| Some((duration, within(duration)?)));
+    let Some((mut accepted_s, mut plan)) = { found }.next() else {
+        return Remedy::None;
+    };
+    let mut short = 0.5 * accepted_s;
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (short + accepted_s);
+        match within(middle) {
+            Some(shorter) => (accepted_s, plan) = (middle, shorter),
+            None => short = middle,
+        }
+    }
+    let slopes = plan.points.iter().map(|point| point.root_slope.abs());
+    Remedy::Duration {
+        refused_s,
+        accepted_s,
+        elements,
+        slope_rad: slopes.fold(0.0, f64::max),
+    }
+}
+
+/// [`plan`], without a look for what would help.
+fn attempt(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<Plan, PlanError> {
     let PlanOptions {
         elements,
         tick_rate_hz,
@@ -447,14 +507,12 @@ impl Plan {
                     peaks.torque_rate[joint] = peaks.torque_rate[joint].max(rate);
                 }
             }
-            // Beyond a right angle a small-deflection beam means nothing.
-            const SLOPE_LIMIT: f64 = core::f64::consts::FRAC_PI_2;
-            if !(point.root_slope.abs() <= SLOPE_LIMIT) {
+            if !(point.root_slope.abs() <= SLOPE_MAX_RAD) {
                 return Err(PlanError::Excessive {
                     what: "slope at link 2's root (rad)",
                     value: point.root_slope,
                     t_s: point.t,
-                    limit: SLOPE_LIMIT,
+                    limit: SLOPE_MAX_RAD,
                 });
             }
             points.push(point);

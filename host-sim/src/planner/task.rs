@@ -102,10 +102,13 @@ pub enum PlanError {
         rate_per_s: f64,
     },
     /// The deflection could not be found.
-    #[error(
-        "no elastic motion was found for this task ({0}); a longer duration_s, or less force, makes it easier"
-    )]
-    Deflection(#[from] CollocationError),
+    #[error("no elastic motion was found for this task ({cause}): {remedy}")]
+    Deflection {
+        /// What the method said.
+        cause: CollocationError,
+        /// What was found to help.
+        remedy: Remedy,
+    },
     /// The link buckles at an end of the path.
     #[error("link 2 has no resting shape at {} of the path: the load reaches its buckling load", if *.end { "the end" } else { "the start" })]
     Buckled {
@@ -130,16 +133,22 @@ pub enum PlanError {
     },
     /// The link has zeros that come in no pair of growth and decay.
     #[error(
-        "link 2 has {growing} growing and {decaying} decaying zeros, as many of each are accepted: link2.tip_inertia_kgm2 = {} makes the tip swing freely against the plan; a smaller one or 0 is accepted",
-        Shortest(*tip_inertia_kgm2)
+        "link 2 has {growing} growing and {decaying} decaying zeros, as many of each are accepted: {}",
+        if *tip_inertia_kgm2 > 0.0 {
+            format!("link2.tip_inertia_kgm2 = {} makes the tip swing freely against the plan; a smaller one or 0 is accepted", Shortest(*tip_inertia_kgm2))
+        } else {
+            format!("link2.elements = {elements} are too many for rounding; fewer are accepted")
+        }
     )]
     Unpaired {
         /// Number of zeros that grow.
         growing: usize,
         /// Number of zeros that decay.
         decaying: usize,
-        /// The arm's tip inertia, kg m^2, which causes this.
+        /// The arm's tip inertia, kg m^2, which causes this; where there is none, rounding does.
         tip_inertia_kgm2: f64,
+        /// Number of elements.
+        elements: usize,
     },
     /// The deflection found is not good enough to be used.
     #[error(
@@ -153,6 +162,71 @@ pub enum PlanError {
     #[error(transparent)]
     Model(#[from] ModelError),
 }
+
+impl From<CollocationError> for PlanError {
+    fn from(cause: CollocationError) -> Self {
+        Self::Deflection {
+            cause,
+            remedy: Remedy::None,
+        }
+    }
+}
+
+/// What was tried, and helps, where no deflection was found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Remedy {
+    /// Fewer elements.
+    Elements {
+        /// With as many there is no plan.
+        refused: usize,
+        /// With as many there is one.
+        accepted: usize,
+    },
+    /// More time: the link would bend beyond all bounds.
+    Duration {
+        /// In this time there is no plan, s.
+        refused_s: f64,
+        /// In this time there is one, s.
+        accepted_s: f64,
+        /// Elements that it has.
+        elements: usize,
+        /// Slope at the root that it reaches, rad.
+        slope_rad: f64,
+    },
+    /// Nothing of these.
+    None,
+}
+
+impl core::fmt::Display for Remedy {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match *self {
+            Self::Elements { refused, accepted } => write!(
+                f,
+                "link2.elements = {refused} are too many for its rounding; with {accepted} there is a plan"
+            ),
+            Self::Duration {
+                refused_s,
+                accepted_s,
+                elements,
+                slope_rad,
+            } => write!(
+                f,
+                "in duration_s = {} the link would bend without bound; in {} s there is a plan (of {elements} elements), whose slope at link 2's root reaches {} rad of the {} that a beam's equations hold for",
+                Shortest(refused_s),
+                four_digits(accepted_s),
+                four_digits(slope_rad),
+                four_digits(SLOPE_MAX_RAD)
+            ),
+            Self::None => f.write_str(
+                "neither a longer duration_s nor fewer link2.elements help; less force.normal_N, a stiffer link2 or a shorter path may",
+            ),
+        }
+    }
+}
+
+/// Largest planned slope at link 2's root, rad: beyond a right angle a small-deflection beam means
+/// nothing.
+pub const SLOPE_MAX_RAD: f64 = core::f64::consts::FRAC_PI_2;
 
 /// Unit normal of the surface along `task`'s path, into which the tip of `arm` presses.
 pub(super) fn surface(task: &Task, arm: &ArmParameters) -> Result<Surface, PlanError> {

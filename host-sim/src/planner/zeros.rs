@@ -72,6 +72,7 @@ pub(super) fn fastest_zero(
             growing,
             decaying: zeros.len() - growing,
             tip_inertia_kgm2: model.arm.tip_inertia_kgm2,
+            elements: model.elements,
         });
     }
     Ok(zeros

@@ -36,7 +36,7 @@ pub enum PlantError {
     Buckled,
     /// The link is too stiff to integrate explicitly.
     #[error(
-        "the plant's highest frequency, {frequency_hz:.3e} Hz, needs {substeps:.3e} integration steps a control period: up to {SUBSTEPS_MAX} are accepted; fewer elements or less stiffness lower it"
+        "the plant's highest frequency, {frequency_hz:.3e} Hz, needs {substeps:.3e} integration steps a control period: up to {SUBSTEPS_MAX} are accepted; fewer elements, less stiffness and less damping lower it"
     )]
     TooStiff {
         /// Bound on the highest frequency, Hz.

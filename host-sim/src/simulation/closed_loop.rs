@@ -11,9 +11,10 @@ use flexor::number::TableScalar;
 use flexor::signals::{Formats, Measurement, Saturation};
 use flexor::table::{Table, TableError};
 
-/// Tip error, m, beyond which a run counts as having lost its path: a tenth of the
-/// paper's path.
-pub const TIP_ERROR_LIMIT_M: f64 = 0.05;
+/// Tip error, m, beyond which a run of `plan` counts as having lost its path: a tenth of the path.
+pub fn tip_error_limit_m(plan: &Plan) -> f64 {
+    0.1 * plan.task.path.length()
+}
 
 /// A run at one tick, before the tick's command acts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,11 +53,10 @@ impl LogRow {
 pub enum Outcome {
     /// To the end, pressing all the way.
     Completed,
-    /// To the end, but a real tip would have left the surface on the way: the contact
-    /// force became negative. Where the contact is one-sided, losing it is a figure and no
-    /// outcome.
+    /// To the end, but the tip left the surface on the way, or would have: the contact force of a
+    /// surface that holds it from both sides became negative.
     ContactLost,
-    /// To the end, but farther off the path than the limit, [`TIP_ERROR_LIMIT_M`] where none is
+    /// To the end, but farther off the path than the limit, [`tip_error_limit_m`] where none is
     /// given.
     TipOffPath,
     /// To the end, but the contact force was farther off its reference than a limit that was
@@ -87,9 +87,10 @@ impl Outcome {
         all.find(|outcome| outcome.name() == name)
     }
 
-    /// True for all but [`Completed`](Self::Completed).
+    /// True for all but [`Completed`](Self::Completed), and where the contact was lost on the way
+    /// and nothing worse happened.
     pub fn failed(self) -> bool {
-        self != Self::Completed
+        !matches!(self, Self::Completed | Self::ContactLost)
     }
 
     /// Stable name, as in `summary.json`.
@@ -362,6 +363,7 @@ pub struct RunLog {
     fault: Option<Fault>,
     /// Rows of a complete run.
     ticks: usize,
+    tip_error_limit_m: f64,
     elements: usize,
 }
 
@@ -374,6 +376,7 @@ impl RunLog {
             shapes: Vec::with_capacity(ticks / SHAPE_STRIDE + 1),
             fault: None,
             ticks,
+            tip_error_limit_m: tip_error_limit_m(simulation.plan),
             elements: simulation.plant.model().elements,
         }
     }
@@ -395,7 +398,7 @@ impl RunLog {
         let summary = summarise(&self.rows, |summary| match self.fault {
             Some(fault) => Outcome::Fault(fault),
             None if !complete => Outcome::Diverged,
-            None if summary.tip_error_max > TIP_ERROR_LIMIT_M => Outcome::TipOffPath,
+            None if summary.tip_error_max > self.tip_error_limit_m => Outcome::TipOffPath,
             None if summary.force_min < 0.0 => Outcome::ContactLost,
             None => Outcome::Completed,
         });
@@ -457,7 +460,8 @@ mod tests {
         let faults = Fault::ALL.map(Outcome::Fault);
         for outcome in Outcome::OWN.into_iter().chain(faults) {
             assert_eq!(Outcome::from_name(outcome.name()), Some(outcome));
-            assert_eq!(outcome.failed(), outcome.name() != "completed");
+            let sound = ["completed", "contact_lost"].contains(&outcome.name());
+            assert_eq!(outcome.failed(), !sound);
         }
         assert_eq!(Outcome::from_name("Completed"), None);
     }

@@ -58,7 +58,10 @@ const FILES: [&str; 4] = ["arm", "task", "board", "controller"];
 /// [`ConfigError`], one line.
 pub fn load_scenario(path: Option<&Path>, sets: &[String]) -> Result<ScenarioConfig, ConfigError> {
     let mut merged = Table::new();
-    let name = path.map_or("built-in scenario".to_string(), |p| p.display().to_string());
+    let mut name = path.map_or("built-in scenario".to_string(), |p| p.display().to_string());
+    if !sets.is_empty() {
+        name += " with --set";
+    }
     if let Some(path) = path {
         merged = with_bases(path, BASES_MAX)?;
     }
@@ -358,15 +361,19 @@ impl Reader<'_> {
             let value = match (entry.unit, fault.value) {
                 (Some(_), Some(value)) if value.is_finite() && value.abs() <= 1e5 => value,
                 (None, None) => 0.0,
-                (Some(unit), _) => {
+                (Some(unit), given) => {
+                    let given = given.map_or("missing".into(), |x| format!("= {}", Shortest(x)));
                     let words = format!(
-                        "{place} ({}): value = a number in {unit}, up to 1e5, is wanted",
+                        "{place}.value {given}; accepted for {}: a number in {unit} from -1e5 to 1e5",
                         entry.name
                     );
                     return Err(self.malformed(words));
                 }
                 (None, Some(_)) => {
-                    let words = format!("{place} ({}): value has no effect on it", entry.name);
+                    let words = format!(
+                        "{place}.value: without effect on {}; none is accepted",
+                        entry.name
+                    );
                     return Err(self.malformed(words));
                 }
             };
@@ -418,20 +425,18 @@ impl Reader<'_> {
 
     fn failure(&self, value: Value) -> Result<FailureLimits, ConfigError> {
         let read: FailureFile = self.structure("failed", value)?;
-        let default = FailureLimits::default();
-        let limit = |name: &str, value: Option<f64>, default: f64| match value {
-            None => Ok(default),
-            Some(value) if value > 0.0 && value <= 1e6 => Ok(value),
-            Some(value) => Err(ConfigError::OutOfRange {
+        let limit = |name: &str, value: Option<f64>| match value {
+            Some(value) if !(value > 0.0 && value <= 1e6) => Err(ConfigError::OutOfRange {
                 file: self.file.to_string(),
                 field: format!("failed.{name}"),
                 value,
                 accepted: "an error above 0 up to 1e6".to_string(),
             }),
+            given => Ok(given),
         };
         Ok(FailureLimits {
-            along_m: limit("along_error_m", read.along_error_m, default.along_m)?,
-            force_n: limit("force_error_N", read.force_error, default.force_n)?,
+            along_m: limit("along_error_m", read.along_error_m)?,
+            force_n: limit("force_error_N", read.force_error)?,
         })
     }
 

@@ -80,6 +80,21 @@ impl CompliantParameters {
         Ok(model)
     }
 
+    /// Whether there is a rotor in each joint that has play.
+    ///
+    /// # Errors
+    /// [`CompliantError::NoRotor`].
+    pub fn check_rotors(&self) -> Result<(), CompliantError> {
+        for (i, joint) in self.joints.iter().enumerate() {
+            let inertia = joint.reflected_inertia_kgm2();
+            if joint.play.is_some() && !(inertia > 0.0) {
+                let joint = i + 1;
+                return Err(CompliantError::NoRotor { joint, inertia });
+            }
+        }
+        Ok(())
+    }
+
     /// Length of the state of a plant with these parameters and `model`.
     pub fn state_len(&self, model: &ArmModel) -> usize {
         let rotors = self.joints.iter().filter(|joint| joint.play.is_some());
@@ -111,7 +126,7 @@ pub enum CompliantError {
     },
     /// Play without a rotor that could move in it.
     #[error(
-        "joint {joint} has play but a rotor inertia of {inertia} kg m^2 at the joint: more than 0 is accepted"
+        "joint{joint}.rotor_inertia_kgm2: {inertia} at the joint, which has play: more than 0 is accepted"
     )]
     NoRotor {
         /// 1 or 2.
@@ -433,13 +448,7 @@ impl<T: Lanes> CompliantPlant<T> {
                 return Err(CompliantError::Lanes);
             }
             assert_eq!(arm.start.state.len(), size, "length of the start");
-            for (i, joint) in arm.parameters.joints.iter().enumerate() {
-                let inertia = joint.reflected_inertia_kgm2();
-                if joint.play.is_some() && !(inertia > 0.0) {
-                    let joint = i + 1;
-                    return Err(CompliantError::NoRotor { joint, inertia });
-                }
-            }
+            arm.parameters.check_rotors()?;
             steps = steps.max(arm.substeps(period_s, poses)?);
         }
         let parameters = |lane: usize| arms[lane].parameters;

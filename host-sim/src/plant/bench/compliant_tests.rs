@@ -356,6 +356,161 @@ proptest! {
     }
 }
 
+/// Torques (N m) that change from tick to tick without a pattern, the same for every test.
+fn erratic(rest: [f64; 2], scale: f64, random: &mut RandomStream) -> [f64; 2] {
+    [
+        rest[0] + scale * (2.0 * random.uniform() - 1.0),
+        rest[1] + 0.1 * scale * (2.0 * random.uniform() - 1.0),
+    ]
+}
+
+/// Goes on for `ticks` under erratic torques. Shows `check` the energy gained and the work of the
+/// drives since the start, J: exact, for an ideal drive's torque is constant over a tick.
+fn ledger(
+    arm: &ArmParameters,
+    parameters: &CompliantParameters,
+    (ticks, scale, seed): (u32, f64, u64),
+    mut check: impl FnMut(f64, f64),
+) {
+    let model = parameters.model(arm, 3).unwrap();
+    let start = parameters.rest(&model, 0.54, FORCE_N).unwrap();
+    let arm = CompliantArm {
+        model: &model,
+        parameters,
+        start: &start,
+    };
+    let mut plant = CompliantPlant::<f64>::new(&[arm], PERIOD_S, &[]).unwrap();
+    let mut random = RandomStream::new(seed, 0);
+    let mut before = plant.read();
+    let first = energy(parameters, &model, &plant.state(0), &before);
+    let mut work = 0.0;
+    for _ in 0..ticks {
+        let torque = erratic(start.torque, scale, &mut random);
+        plant.advance(torque);
+        let now = plant.read();
+        for j in 0..2 {
+            work += torque[j] * (now.motor_angle[j] - before.motor_angle[j]);
+        }
+        before = now;
+        let gained = energy(parameters, &model, &plant.state(0), &now) - first;
+        check(gained, work);
+    }
+}
+
+#[test]
+fn without_losses_the_drives_work_is_all_there_is() {
+    // Undamped, on an elastic surface without friction, on and off it, with waves, cogging and
+    // gear play: conservative.
+    let arm = ArmParameters {
+        damping_ratio: 0.0,
+        ..testing::PAPER
+    };
+    let mut parameters = with_play(everything());
+    parameters.geometric_stiffness = false;
+    parameters.contact.damping_ns_m = 0.0;
+    parameters.contact.friction = 0.0;
+    parameters.contact.friction_at_rest = 0.0;
+    parameters.surface.features.clear();
+    parameters.drives = [DriveParameters::default(); 2];
+    for joint in &mut parameters.joints {
+        joint.friction = JointFriction::default();
+        if let Some(gear) = &mut joint.play {
+            gear.damping_nms_rad = 0.0;
+        }
+    }
+    let off = |substeps: u32| {
+        parameters.substeps = Some(substeps);
+        let (mut off, mut moved) = (0.0_f64, 0.0_f64);
+        ledger(&arm, &parameters, (1000, 4.0, 1), |gained, work| {
+            off = off.max((gained - work).abs());
+            moved = moved.max(work.abs());
+        });
+        assert!(moved > 0.02, "{moved} J are little");
+        off
+    };
+    let mut off = off;
+    // What is left is the step's, and falls with it.
+    let (coarse, fine) = (off(16), off(64));
+    assert!(coarse < 2e-5, "{coarse:e} J");
+    assert!(fine < 0.2 * coarse, "{fine:e} J after {coarse:e}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(16))]
+    /// Under any torques, the arm gains no more energy than the drives put in.
+    #[test]
+    fn no_more_is_gained_than_the_drives_put_in(
+        play: bool, seed: u64, scale in 0.1..5.0_f64, friction in 0.0..0.5_f64,
+        stiffness in 2e3..1e5_f64,
+    ) {
+        let mut parameters = everything();
+        // It has no potential in this formulation.
+        parameters.geometric_stiffness = false;
+        parameters.drives = [DriveParameters::default(); 2];
+        parameters.contact.stiffness_n_m = stiffness;
+        parameters.contact.friction = friction;
+        parameters.contact.friction_at_rest = 1.3 * friction;
+        if play {
+            parameters = with_play(parameters);
+        }
+        parameters.substeps = Some(32);
+        let mut worst = f64::NEG_INFINITY;
+        let mut last = [0.0; 2];
+        ledger(&testing::PAPER, &parameters, (400, scale, seed), |gained, work| {
+            worst = worst.max(gained - work);
+            last = [gained, work];
+        });
+        prop_assert!(worst < 1e-5, "{worst} J");
+        // It loses some, too.
+        prop_assert!(last[0] < last[1], "{last:?}");
+    }
+}
+
+#[test]
+fn friction_on_a_bare_root_is_followed_by_the_plants_own_step() {
+    // Smoothed Coulomb friction of this size needed 128 steps a tick on a root without a hub.
+    let mut parameters = ideal();
+    parameters.joints[1].friction.coulomb_nm = 0.05;
+    let arm = ArmParameters {
+        root_inertia_kgm2: 0.0,
+        ..testing::PAPER
+    };
+    let readings = |substeps: Option<u32>| {
+        let own = CompliantParameters {
+            substeps,
+            ..parameters.clone()
+        };
+        let (mut plant, start) = resting(&arm, 8, &own);
+        let readings = (0..2000).map(|tick| {
+            plant.advance(swing(start.torque, tick));
+            plant.read()
+        });
+        let readings: Vec<CompliantReading> = readings.collect();
+        (readings, plant.substeps())
+    };
+    let (own, substeps) = readings(None);
+    let (fine, _) = readings(Some(16 * substeps));
+    let difference = |of: fn(&CompliantReading) -> f64| {
+        let pairs = own.iter().zip(&fine);
+        let square: f64 = pairs.map(|(a, b)| (of(a) - of(b)).powi(2)).sum();
+        (square / own.len() as f64).sqrt()
+    };
+    let (force, along) = (difference(|r| r.force), difference(|r| r.tip[0]));
+    assert!(force < 2e-3, "{substeps} steps: {force:e} N");
+    assert!(along < 1e-6, "{substeps} steps: {along:e} m");
+    // It matters: the same without friction is elsewhere.
+    parameters.joints[1].friction.coulomb_nm = 0.0;
+    let (free, _) = {
+        let (mut plant, start) = resting(&arm, 8, &parameters);
+        let last = (0..2000).map(|tick| {
+            plant.advance(swing(start.torque, tick));
+            plant.read()
+        });
+        (last.last().unwrap(), start)
+    };
+    assert!((free.tip[0] - own[1999].tip[0]).abs() > 1e-5);
+}
+
 #[test]
 fn a_drives_torque_rises_as_its_lag() {
     let mut parameters = ideal();

@@ -1,7 +1,7 @@
 //! The drives: what becomes of a commanded torque.
 //!
 //! ```text
-//! u_k  = limited(gain c_(k - delay) + offset + noise)       once a tick
+//! u_k  = gain limited(c_(k - delay)) + offset + noise       once a tick
 //! tau' = 2 pi bandwidth (u_k - tau)                         between ticks
 //! ```
 //!
@@ -67,11 +67,6 @@ impl Drive {
             noise: RandomStream::new(seed, stream),
             commands: [torque; DELAY_TICKS_MAX + 1],
         }
-    }
-
-    /// Makes it another drive from now on, as a fault does; commands under way stay.
-    pub fn set_parameters(&mut self, parameters: &DriveParameters) {
-        self.parameters = *parameters;
     }
 
     /// Takes the command of a tick, N m. Returns the torque that the drive tends to until the next
@@ -180,12 +175,14 @@ mod tests {
         assert_eq!(drive.command(4.0), (0.0, Saturation::Upper));
         assert_eq!(drive.command(-9.0), (3.5, Saturation::Lower));
         assert_eq!(drive.command(1.0), (-3.5, Saturation::None));
-        // A drive that has lost half its torque.
-        drive.set_parameters(&DriveParameters {
-            gain: 0.5,
+        // What it is asked for is limited, not what a wrong gain makes of that.
+        let strong = DriveParameters {
+            gain: 2.0,
+            delay_ticks: 0,
             ..parameters
-        });
-        assert_eq!(drive.command(0.0), (0.5, Saturation::None));
+        };
+        let mut drive = Drive::new(&strong, 0.0, 1, 0);
+        assert_eq!(drive.command(4.0), (7.0, Saturation::Upper));
     }
 
     #[test]

@@ -243,11 +243,6 @@ impl Sensors {
         sensors
     }
 
-    /// Makes them other sensors from now on, as a fault does; what is under way stays.
-    pub fn set_parameters(&mut self, parameters: &SensorParameters) {
-        self.parameters = *parameters;
-    }
-
     /// Measures at the next tick. True where the conversions are new.
     pub fn sense(&mut self, now: &Stimulus) -> (Sensed, bool) {
         let p = self.parameters;
@@ -487,11 +482,10 @@ mod tests {
         let square: f64 = seen.iter().map(|(s, _)| (s.force - 2.0).powi(2)).sum();
         assert!(((square / 2e4).sqrt() / 0.05 - 1.0).abs() < 0.03);
         assert!(run(&parameters, 25.0).iter().all(|(s, _)| s.force == 20.0));
-        // A cell that reads nothing any more.
-        let mut sensors = Sensors::new(&ideal(), 2e-4, &stimulus(2.0), 5);
+        // A cell that reads nothing.
         let mut dead = ideal();
         dead.cell.gain = -1.0;
-        sensors.set_parameters(&dead);
+        let mut sensors = Sensors::new(&dead, 2e-4, &stimulus(2.0), 5);
         assert_eq!(sensors.sense(&stimulus(2.0)).0.force, 0.0);
         // Another source switched off leaves this one's noise as it was.
         let mut other = parameters;

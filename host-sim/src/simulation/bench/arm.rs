@@ -75,8 +75,7 @@ pub struct BenchArm {
     pub seed: u64,
 }
 
-/// Largest ratio of two grid values of [`BenchArm::step_grid`]: at most this much work is done
-/// for nothing.
+/// Steps a control period that are given, each times a power of two.
 const GRID: [u32; 7] = [1, 2, 3, 4, 5, 6, 7];
 
 impl BenchArm {
@@ -95,6 +94,8 @@ impl BenchArm {
         mut parameters: CompliantParameters,
         sensors: SensorParameters,
     ) -> Result<Self, BenchError> {
+        // Before the choice of the step, which knows no rotor without a mass.
+        parameters.check_rotors()?;
         let model = parameters.model(arm, elements)?;
         let first = &plan.points[0];
         let along_m = parameters.surface.along(first.tip.position);

@@ -2,13 +2,13 @@
 
 use crate::planner::plan::Plan;
 use crate::plant::bench::lanes::Lanes;
-use crate::plant::bench::{CompliantArm, CompliantPlant, CompliantReading};
+use crate::plant::bench::{CompliantArm, CompliantPlant, CompliantReading, Outputs};
 use crate::simulation::bench::arm::{BenchArm, BenchBoard, BenchError, period_s, poses};
 use crate::simulation::bench::figures::{FailureLimits, RunFigures, Tally};
 use crate::simulation::bench::lane::Lane;
-use flexor::control::{LawParameters, LimitParameters};
+use flexor::control::{Controller, LawParameters, LimitParameters};
 use flexor::fault::Fault;
-use flexor::link::RawSample;
+use flexor::link::{RawSample, Refusal};
 use flexor::signals::Saturation;
 use flexor::supervisor::ControllerParameters;
 use flexor::table::Table;
@@ -104,29 +104,10 @@ pub fn run<T: Lanes>(
     let lanes: Vec<CompliantArm<'_>> = (0..T::LANES).map(lane).collect();
     let mut plant = CompliantPlant::<T>::new(&lanes, period_s, &poses(plan))?;
 
-    let parameters = ControllerParameters {
-        arm: plan.model.arm,
-        law: *task.law,
-        limits: task.limits.at_most(task.board.drive_limit_nm),
-    };
-    // A board's setup names the arm that it moves: the planned one.
-    let board = BenchBoard {
-        calibration: task.board.calibration.for_arm(&plan.model.arm),
-        ..*task.board
-    };
-    let table = Table::open(task.image)?;
-    let planned = plan.points[0].torque;
-    let outputs = plant.outputs();
     let mut places: Vec<_> = arms.iter().map(|_| [None, None]).collect();
-    let mut boards = Vec::with_capacity(arms.len());
-    for ((i, arm), places) in arms.iter().enumerate().zip(&mut places) {
-        let controller = parameters.controller(&table)?;
-        let first = outputs.lane(i);
-        let inside = (controller, places);
-        let rate = plan.tick_rate_hz;
-        boards.push(Lane::new(arm, &board, inside, &first, planned, rate));
-    }
-    let mut tallies = vec![Tally::new(task.failure, period_s); arms.len()];
+    let mut boards = boards(task, arms, &plant.outputs(), &mut places)?;
+    let planned = plan.points[0].torque;
+    let mut tallies = vec![Tally::new(task.failure, plan); arms.len()];
     let mut over = vec![false; arms.len()];
     let mut targets = vec![planned; T::LANES];
 
@@ -137,11 +118,11 @@ pub fn run<T: Lanes>(
         let outputs = plant.outputs();
         for i in 0..arms.len() {
             let reading = outputs.lane(i);
-            if over[i] || diverged(&reading) {
-                if !over[i] {
-                    tallies[i].diverge();
-                }
+            if !over[i] && diverged(&reading) {
+                tallies[i].diverge();
                 over[i] = true;
+            }
+            if over[i] {
                 continue;
             }
             let given = boards[i].tick(point.t, &reading);
@@ -168,4 +149,49 @@ pub fn run<T: Lanes>(
         }
     }
     Ok(tallies.into_iter().map(Tally::finish).collect())
+}
+
+/// The boards of `arms`, which are as `outputs` says, each enabled. `places` are where their
+/// controllers live.
+fn boards<'a, T: Lanes>(
+    task: &BenchTask<'a>,
+    arms: &[BenchArm],
+    outputs: &Outputs<T>,
+    places: &'a mut [[Option<Controller<'a, f32>>; 2]],
+) -> Result<Vec<Lane<'a>>, BenchError> {
+    let plan = task.plan;
+    let parameters = ControllerParameters {
+        arm: plan.model.arm,
+        law: *task.law,
+        limits: task.limits.at_most(task.board.drive_limit_nm),
+    };
+    // A board's setup names the arm that it moves: the planned one.
+    let board = BenchBoard {
+        calibration: task.board.calibration.for_arm(&plan.model.arm),
+        ..*task.board
+    };
+    let table = Table::open(task.image)?;
+    let first_row = table.cursor::<f32>().row();
+    let planned = (plan.points[0].torque, &first_row);
+    let mut boards = Vec::with_capacity(arms.len());
+    for ((i, arm), places) in arms.iter().enumerate().zip(places) {
+        let inside = (parameters.controller(&table)?, places);
+        let (first, rate) = (outputs.lane(i), plan.tick_rate_hz);
+        boards.push(Lane::new(arm, &board, inside, &first, planned, rate));
+    }
+    Ok(boards)
+}
+
+/// Why a board would refuse to be enabled before `arm`, where it starts, if it would: its sensors
+/// say that it stands elsewhere. [`run`] enables it all the same, to see what comes of it.
+///
+/// # Errors
+/// [`BenchError`].
+pub fn refusal(task: &BenchTask<'_>, arm: &BenchArm) -> Result<Option<Refusal>, BenchError> {
+    let plan = task.plan;
+    let mut plant = CompliantPlant::<f64>::new(&[arm.lane()], period_s(plan), &poses(plan))?;
+    let mut places = [[None, None]];
+    let arms = core::slice::from_ref(arm);
+    let boards = boards(task, arms, &plant.outputs(), &mut places)?;
+    Ok(boards.first().and_then(Lane::refusal))
 }

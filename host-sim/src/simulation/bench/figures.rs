@@ -1,26 +1,34 @@
 //! What comes of a run on the bench: how it ended, and its figures.
 
 use super::BenchRow;
-use crate::simulation::closed_loop::Outcome;
+use super::arm::period_s;
+use crate::planner::plan::Plan;
+use crate::simulation::closed_loop::{Outcome, tip_error_limit_m};
 use flexor::fault::Fault;
 use flexor::signals::Saturation;
 
-/// From which error on a run counts as failed.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// From which error on a run counts as failed; where nothing is given, by the task's own size.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FailureLimits {
-    /// Of the tip's place along the surface, m.
-    pub along_m: f64,
-    /// Of the contact force, N.
-    pub force_n: f64,
+    /// Of the tip's place along the surface, m; `None` for a tenth of the path's length.
+    pub along_m: Option<f64>,
+    /// Of the contact force, N; `None` for ten times the planned force, or any where that is none.
+    pub force_n: Option<f64>,
 }
 
-impl Default for FailureLimits {
-    /// A tenth of the paper's path, and the range of the default board's force cell.
-    fn default() -> Self {
-        Self {
-            along_m: 0.05,
-            force_n: 20.0,
-        }
+impl FailureLimits {
+    /// The limits for a plan, m and N.
+    fn of(&self, plan: &Plan) -> [f64; 2] {
+        let force = plan.task.normal_force;
+        let ten_times = if force > 0.0 {
+            10.0 * force
+        } else {
+            f64::INFINITY
+        };
+        [
+            self.along_m.unwrap_or_else(|| tip_error_limit_m(plan)),
+            self.force_n.unwrap_or(ten_times),
+        ]
     }
 }
 
@@ -104,7 +112,8 @@ impl RunFigures {
 /// Sums up a run as its ticks come.
 #[derive(Clone, Debug)]
 pub(super) struct Tally {
-    limits: FailureLimits,
+    /// Of the error along the surface, m, and of the force's, N.
+    limits: [f64; 2],
     period_s: f64,
     ticks: u32,
     force_square: f64,
@@ -118,12 +127,12 @@ pub(super) struct Tally {
 }
 
 impl Tally {
-    /// Nothing has happened yet. Ticks are `period_s` (s) apart.
-    pub(super) fn new(limits: &FailureLimits, period_s: f64) -> Self {
+    /// Nothing has happened yet on `plan`.
+    pub(super) fn new(limits: &FailureLimits, plan: &Plan) -> Self {
         let zeros = [0.0; RunFigures::COLUMNS.len()];
         Self {
-            limits: *limits,
-            period_s,
+            limits: limits.of(plan),
+            period_s: period_s(plan),
             ticks: 0,
             force_square: 0.0,
             along_square: 0.0,
@@ -179,10 +188,12 @@ impl Tally {
             Outcome::Fault(fault)
         } else if self.diverged {
             Outcome::Diverged
-        } else if figures.along_error_max_m > self.limits.along_m {
+        } else if figures.along_error_max_m > self.limits[0] {
             Outcome::TipOffPath
-        } else if figures.force_error_max_n > self.limits.force_n {
+        } else if figures.force_error_max_n > self.limits[1] {
             Outcome::ForceOff
+        } else if self.lost_ticks > 0 {
+            Outcome::ContactLost
         } else {
             Outcome::Completed
         };

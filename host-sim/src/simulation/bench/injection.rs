@@ -262,7 +262,7 @@ impl Injection {
                     given.encoder[j] = begun.encoder[j].wrapping_sub(turned);
                 }
                 FaultKind::EncoderJump(j, counts) => {
-                    given.encoder[j] = given.encoder[j].wrapping_add(counts as i16 as u16);
+                    given.encoder[j] = given.encoder[j].wrapping_add(counts.round() as i64 as u16);
                 }
                 FaultKind::EncoderNoise(j, counts) => {
                     let off = (2.0 * noise.uniform() - 1.0) * counts;

@@ -5,9 +5,9 @@ use crate::simulation::bench::arm::{BenchArm, BenchBoard};
 use crate::simulation::bench::injection::{FaultKind, Injection};
 use flexor::control::Controller;
 use flexor::fault::Fault;
-use flexor::link::{Interlocks, RawSample};
-use flexor::signals::Saturation;
-use flexor::supervisor::{ControllerSlot, DriveScale, MemoryBoard, Supervisor};
+use flexor::link::{Interlocks, RawSample, Refusal};
+use flexor::signals::{Reference, Saturation};
+use flexor::supervisor::{ControllerSlot, DriveScale, MemoryBoard, Supervisor, check_enable};
 
 /// What a tick of the board gave.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,7 +16,7 @@ pub(super) struct BoardTick {
     pub(super) sample: RawSample,
     /// Torques that it commanded, N m; 0 with the drives off.
     pub(super) torque: [f64; 2],
-    /// How they were limited.
+    /// How they were limited, by the board or by the drives, which do not tell it.
     pub(super) saturation: [Saturation; 2],
     /// The latched fault.
     pub(super) fault: Option<Fault>,
@@ -40,12 +40,15 @@ pub(super) struct Lane<'a> {
     injection: Injection,
     /// What the drives have been giving, N m.
     target: [f64; 2],
+    refusal: Option<Refusal>,
 }
 
 impl<'a> Lane<'a> {
     /// A board before the arm, which reads `first`: homed, moved to its start, enabled with
     /// `controller`. `places` are where the supervisor keeps its controllers. The drives have been
-    /// commanded `planned` (N m) for long.
+    /// commanded `planned` (N m) for long; `first_row` is the table's. Whether the arm is near enough to the table's first row,
+    /// which a board's link asks before it enables, is not asked here: what a campaign draws may be
+    /// farther off, and is to be judged by how it runs.
     pub(super) fn new(
         arm: &BenchArm,
         board: &BenchBoard,
@@ -54,7 +57,7 @@ impl<'a> Lane<'a> {
             &'a mut [Option<Controller<'a, f32>>; 2],
         ),
         first: &CompliantReading,
-        planned: [f64; 2],
+        (planned, first_row): ([f64; 2], &Reference<f32>),
         tick_rate_hz: u32,
     ) -> Self {
         let period_s = 1.0 / f64::from(tick_rate_hz);
@@ -90,6 +93,7 @@ impl<'a> Lane<'a> {
             memory.sample.encoder = turned.map(|counts| (counts * share).round() as i64 as u16);
             supervisor.tick(&mut memory);
         }
+        let refusal = check_enable(&board.safety, &supervisor.enable_inputs(), first_row);
         let mut prepared = ControllerSlot::new(next);
         prepared.put(controller);
         let enabled = supervisor.enable(&mut prepared);
@@ -112,7 +116,13 @@ impl<'a> Lane<'a> {
             drives,
             injection: Injection::new(&arm.faults, &channels, period_s, arm.seed),
             target: planned,
+            refusal: refusal.err(),
         }
+    }
+
+    /// Why a board would not have been enabled where the arm stands; it is, all the same.
+    pub(super) fn refusal(&self) -> Option<Refusal> {
+        self.refusal
     }
 
     /// The tick at `t_s` (s) with the arm as `reading` says.
@@ -141,19 +151,19 @@ impl<'a> Lane<'a> {
                 f64::from(scale.torque(scale.count(torque[i])))
             })
         });
-        let asked = [0, 1].map(|i| self.drives[i].command(torque[i]).0);
-        let asked = match command {
-            Some(_) => asked,
-            None => [0.0; 2],
+        let asked = [0, 1].map(|i| self.drives[i].command(torque[i]));
+        let (target, saturation) = match command {
+            Some(_) => (
+                asked.map(|(target, _)| target),
+                [0, 1].map(|i| reply.saturation[i].or(asked[i].1)),
+            ),
+            None => ([0.0; 2], [Saturation::None; 2]),
         };
-        self.target = self.injection.torque(asked);
+        self.target = self.injection.torque(target);
         BoardTick {
             sample,
             torque: command.map_or([0.0; 2], |torque| torque.map(f64::from)),
-            saturation: match command {
-                Some(_) => reply.saturation,
-                None => [Saturation::None; 2],
-            },
+            saturation,
             fault: self.supervisor.status().fault,
             integral: self
                 .supervisor

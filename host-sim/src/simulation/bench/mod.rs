@@ -29,7 +29,7 @@ mod lane;
 mod log;
 
 pub use arm::{ArmKind, BenchArm, BenchBoard, BenchError};
-pub use bench::{BenchRow, BenchTask, run};
+pub use bench::{BenchRow, BenchTask, refusal, run};
 pub use figures::{FailureLimits, Figure, RunFigures};
 pub use injection::{AnalogChannel, AnalogFault, FAULT_NAMES, FaultKind, FaultName, TimedFault};
 pub use log::BenchLog;

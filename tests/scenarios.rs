@@ -1,0 +1,368 @@
+//! The scenarios among the examples, and every fault that a scenario can have.
+
+use flexor::fault::Fault;
+use flexor_sim::campaign::record::RunFigures;
+use flexor_sim::files::config::parse_board;
+use flexor_sim::simulation::bench::{self, BenchRow, FAULT_NAMES, FaultName, TimedFault};
+use flexor_tests::{OnBench, example};
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+use std::slice;
+
+const SLOPE: &str = "root_gauge.measures=\"slope\"";
+const MOMENT: &str = "root_gauge.measures=\"moment\"";
+
+/// The files in examples/scenarios: scenarios, and boards for them.
+fn files() -> (Vec<PathBuf>, Vec<PathBuf>) {
+    let entries = std::fs::read_dir(example("scenarios")).unwrap();
+    let mut all: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
+    all.sort();
+    all.into_iter()
+        .partition(|file| !file.to_string_lossy().ends_with("_board.toml"))
+}
+
+#[test]
+fn every_scenario_says_what_it_shows_and_runs() {
+    let (scenarios, boards) = files();
+    assert!(scenarios.len() >= 19, "{scenarios:?}");
+    for file in &scenarios {
+        let text = std::fs::read_to_string(file).unwrap();
+        assert!(text.starts_with("# "), "{}", file.display());
+        let bench = OnBench::new(file, &[]);
+        let runs = bench.runs(1, &[0, 1, 2]);
+        assert_eq!(runs.len(), 3, "{}", file.display());
+        for run in &runs {
+            let figures = &run.figures;
+            assert!(figures.ended_s > 0.0, "{}: {figures:?}", file.display());
+            let distributions = bench.config.scenario.numbers.iter();
+            let spread = distributions.filter(|(_, distribution)| distribution.is_spread());
+            for ((key, distribution), value) in spread.zip(&run.drawn) {
+                let [low, high] = distribution.bounds();
+                assert!((low..=high).contains(value), "{} = {value}", key.name);
+                assert!(key.holds(*value), "{} = {value}", key.name);
+            }
+        }
+    }
+    for file in boards {
+        let text = std::fs::read_to_string(&file).unwrap();
+        parse_board("board", &text).unwrap();
+    }
+}
+
+/// Three runs of a scenario among the examples.
+fn runs(name: &str, sets: &[&str]) -> Vec<RunFigures> {
+    let file = example(&format!("scenarios/{name}.toml"));
+    let runs = OnBench::new(&file, sets).runs(1, &[0, 1, 2]);
+    runs.iter().map(|run| run.figures).collect()
+}
+
+/// The range in which a figure of all `runs` lies.
+#[track_caller]
+fn within(runs: &[RunFigures], figure: fn(&RunFigures) -> f64, low: f64, high: f64) {
+    for run in runs {
+        let found = figure(run);
+        assert!((low..=high).contains(&found), "{found}: {low} to {high}");
+    }
+}
+
+#[test]
+fn each_shows_what_it_says() {
+    let rms: fn(&RunFigures) -> f64 = |run| run.force_error_rms_n;
+    let tip: fn(&RunFigures) -> f64 = |run| run.along_error_max_m;
+    let lost: fn(&RunFigures) -> f64 = |run| run.contact_lost_s;
+    let all = |runs: &[RunFigures], failed: bool| {
+        assert!(
+            runs.iter().all(|run| run.outcome.failed() == failed),
+            "{runs:?}"
+        );
+    };
+    // With the gauge that gauges are, today's law fails on the arm as planned.
+    all(&runs("nominal", &[]), true);
+    let nominal = runs("nominal", &[SLOPE]);
+    all(&nominal, false);
+    within(&nominal, rms, 0.05, 0.11);
+    within(&nominal, tip, 0.0, 1e-3);
+
+    let heavy = runs("heavy_link1", &[SLOPE]);
+    within(&heavy, tip, 0.0795, 0.0815);
+    within(&heavy, rms, 0.05, 0.11);
+    all(&runs("light_damping", &[SLOPE]), true);
+    let friction = runs("friction", &[SLOPE]);
+    within(&friction, rms, 0.35, 0.55);
+    within(&friction, tip, 0.034, 0.037);
+    let hard = runs("hard_surface", &[SLOPE]);
+    all(&hard, false);
+    within(&hard, lost, 1.0, 1.5);
+    all(&runs("slow_drives", &[SLOPE]), true);
+    // Today's law takes only levers from the encoders.
+    within(&runs("coarse_encoder", &[SLOPE]), rms, 0.05, 0.12);
+    all(&runs("late_sensors", &[SLOPE]), true);
+    let sticky = runs("sticky_joints", &[SLOPE]);
+    within(&sticky, tip, 0.0118, 0.0138);
+    within(&runs("bumps", &[SLOPE]), rms, 0.3, 0.42);
+    // Nothing fails that a calibration brings near the plan.
+    all(&runs("calibrated", &[SLOPE]), false);
+    assert!(
+        runs("unknown_inertia", &[])
+            .iter()
+            .any(|run| run.outcome.failed())
+    );
+    all(&runs("faults", &[]), true);
+}
+
+/// The independent simulator's figures (see bench.rs) of its hardest arm: force error, rms, N, and
+/// largest error of the tip, mm.
+#[test]
+fn rubber_is_the_references() {
+    let fast = format!("task={:?}", example("task_fast.toml").display().to_string());
+    let slow = format!(
+        "task={:?}",
+        example("task_bench.toml").display().to_string()
+    );
+    for (task, gauge, force_n, tip_mm, tip_off_mm) in [
+        (&slow, SLOPE, 0.547, 76.3, 1.0),
+        (&slow, MOMENT, 0.57, 76.4, 1.0),
+        // Its plan was another one at the end of the fast path.
+        (&fast, SLOPE, 0.985, 15.8, 4.0),
+        (&fast, MOMENT, 1.08, 16.7, 4.0),
+    ] {
+        for run in runs("rubber", &[task, gauge]) {
+            let ratio = run.force_error_rms_n / force_n;
+            assert!((0.8..1.25).contains(&ratio), "{task} {gauge}: {run:?}");
+            let off = 1e3 * run.along_error_max_m - tip_mm;
+            assert!(off.abs() < tip_off_mm, "{task} {gauge}: {run:?}");
+        }
+    }
+}
+
+/// The rows of a scenario's one arm with `faults`, in the middle of all spreads.
+fn rows(bench: &OnBench, faults: Vec<TimedFault>) -> (Vec<BenchRow>, RunFigures) {
+    let scenario = &bench.config.scenario;
+    let mut arm = scenario.middle().on_bench(&bench.plan, 1).unwrap();
+    if !faults.is_empty() {
+        arm.faults = faults;
+    }
+    let mut rows = Vec::new();
+    let figures = bench::run::<f64>(&bench.task(), slice::from_ref(&arm), |_, row, _| {
+        rows.push(*row);
+    });
+    (rows, figures.unwrap()[0])
+}
+
+#[test]
+fn over_holes_and_an_edge_the_tip_loses_the_surface_there() {
+    let file = |name: &str| example(&format!("scenarios/{name}.toml"));
+    let (seen, _) = rows(&OnBench::new(&file("edge"), &[SLOPE]), vec![]);
+    let first = seen.iter().find(|row| row.reading.force == 0.0).unwrap();
+    assert!((first.reading.tip[0] - 0.3).abs() < 2e-3, "{first:?}");
+    // It falls, pressed after by the integral, and meets the solid's end from the side.
+    let falls = (first.t + 1e-3)..(first.t + 0.05);
+    let falling = || seen.iter().filter(|row| falls.contains(&row.t));
+    assert!(falling().all(|row| row.reading.force == 0.0));
+    let last = falling().next_back().unwrap();
+    assert!(
+        last.reading.tip[1] > 0.06 && last.integral > 0.3,
+        "{last:?}"
+    );
+    let after = || seen.iter().filter(|row| row.t > first.t);
+    assert!(after().map(|row| row.reading.tip[1]).fold(0.0, f64::max) > 0.15);
+    let sideways = |row: &&BenchRow| row.reading.force > 0.0 && row.reading.tip[1] > 0.06;
+    assert!(
+        after()
+            .filter(sideways)
+            .all(|row| row.reading.normal[0].abs() > 0.99)
+    );
+
+    let (seen, _) = rows(&OnBench::new(&file("holes"), &[SLOPE]), vec![]);
+    let first = seen.iter().find(|row| row.reading.force == 0.0).unwrap();
+    // Just behind the first rim.
+    assert!((0.595..0.6).contains(&first.reading.tip[0]), "{first:?}");
+    let deepest = seen.iter().map(|row| row.reading.tip[1]);
+    assert!(deepest.fold(0.0, f64::max) > 0.0505);
+}
+
+/// What today's board makes of a fault.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Today {
+    /// It latches this fault after so many ticks, and gives no torque from there on.
+    Ends(Fault, u32),
+    /// It does not notice, and the run goes to its end.
+    Unnoticed,
+    /// It does not notice; the arm runs away until a converter is at its rail.
+    RunsAway,
+}
+use Today::{Ends, RunsAway, Unnoticed};
+
+impl Today {
+    /// As docs/bench.md says it.
+    fn words(self) -> String {
+        match self {
+            Ends(fault, 0 | 1) => format!("fault {}, at once", fault.number()),
+            Ends(fault, ticks) => {
+                format!("fault {}, after {} ms", fault.number(), (ticks + 1) / 5)
+            }
+            Unnoticed => "not detected".into(),
+            RunsAway => "not detected; fault 21 once the arm has run away".into(),
+        }
+    }
+}
+
+/// Every fault, with a value, its number in the list of faults, and what today's board makes of it at mid
+/// path of the nominal arm (with the gauge that shows the slope, as today's law fails with the
+/// other before that). What is not detected here is a known gap; a board
+/// that detects it makes this test fail, which is then to say what it does.
+const FAULTS: &[(&str, f64, &str, Today)] = &[
+    ("encoder1_stuck", 0.0, "1", Unnoticed),
+    ("encoder2_stuck", 0.0, "1", Unnoticed),
+    ("encoder1_reversed", 0.0, "4", Unnoticed),
+    ("encoder2_reversed", 0.0, "4", Unnoticed),
+    ("encoder1_jump", 4096.0, "5, 6", Unnoticed),
+    ("encoder2_jump", 4096.0, "5, 6", Unnoticed),
+    ("encoder1_noise", 50.0, "2, 7", Unnoticed),
+    ("encoder2_noise", 50.0, "2, 7", Unnoticed),
+    ("strain_rail", 0.0, "8", Ends(Fault::SensorRange, 0)),
+    ("strain_stuck", 0.0, "9", Unnoticed),
+    ("strain_mid_rail", 0.0, "10", RunsAway),
+    ("strain_reversed", 0.0, "12", RunsAway),
+    ("strain_offset", 30.0, "11", Unnoticed),
+    ("strain_drift", 100.0, "13", Unnoticed),
+    ("strain_noise", 20.0, "14", Unnoticed),
+    ("force_rail", 0.0, "15", Ends(Fault::SensorRange, 0)),
+    ("force_stuck", 0.0, "16", Unnoticed),
+    ("force_mid_rail", 0.0, "17", RunsAway),
+    ("force_reversed", 0.0, "20", RunsAway),
+    ("force_offset", 20.0, "18, 19", Unnoticed),
+    ("force_shows", -2028.0, "18, 19", RunsAway),
+    ("force_noise", 205.0, "21", Unnoticed),
+    (
+        "conversion_missing",
+        0.0,
+        "23",
+        Ends(Fault::SensorsStale, 0),
+    ),
+    ("drive1_dead", 0.0, "37", Unnoticed),
+    ("drive2_dead", 0.0, "37", Unnoticed),
+    ("drive1_weak", 0.8, "38", Unnoticed),
+    ("drive2_weak", 0.8, "38", Unnoticed),
+    ("drive1_frozen", 0.0, "39", Unnoticed),
+    ("drive2_frozen", 0.0, "39", Unnoticed),
+    ("drive1_reversed", 0.0, "40", Unnoticed),
+    ("drive2_reversed", 0.0, "40", RunsAway),
+    ("drive1_runaway", 35.0, "28", RunsAway),
+    ("drive2_runaway", 3.5, "28", RunsAway),
+    ("drive_fault", 0.0, "36", Ends(Fault::Drive, 0)),
+    ("emergency_stop", 0.0, "41", Ends(Fault::EmergencyStop, 0)),
+    ("ticks_lost", 0.0, "48", Unnoticed),
+    // It shows in the next tick.
+    ("tick_overrun", 0.0, "47", Ends(Fault::TickOverrun, 1)),
+    // 100 ms from the last request, which came in the tick before.
+    ("link_lost", 0.0, "70", Ends(Fault::LinkTimeout, 499)),
+];
+
+/// From where on a fault is there, s: in the middle of the path.
+const FAULT_AT_S: f64 = 1.0;
+
+#[test]
+fn the_board_makes_of_every_fault_what_is_known_of_it() {
+    let listed: BTreeSet<&str> = FAULTS.iter().map(|(name, ..)| *name).collect();
+    let known: BTreeSet<&str> = FAULT_NAMES.iter().map(|entry| entry.name).collect();
+    assert_eq!(listed, known);
+    let bench = OnBench::new(&example("scenarios/nominal.toml"), &[SLOPE]);
+    let period_s = 1.0 / f64::from(bench.plan.tick_rate_hz);
+    let (sound, _) = rows(&bench, vec![]);
+    assert!(sound.iter().all(|row| row.fault.is_none()));
+    for (name, value, _, today) in FAULTS {
+        let fault = TimedFault {
+            kind: FaultName::find(name).unwrap().kind(*value),
+            from_s: FAULT_AT_S,
+            to_s: f64::INFINITY,
+        };
+        let (seen, figures) = rows(&bench, vec![fault]);
+        // Until then it is the run without.
+        let before = |row: &&BenchRow| row.t < FAULT_AT_S - 0.5 * period_s;
+        let same = seen.iter().zip(&sound).take_while(|(row, _)| before(row));
+        assert!(same.clone().count() > 6000);
+        for (row, other) in same {
+            assert_eq!(row, other, "{name}");
+        }
+        let latched = seen.iter().find(|row| row.fault.is_some());
+        let found = latched.map(|row| {
+            let ticks = ((row.t - FAULT_AT_S) / period_s).round() as u32;
+            (row.fault.unwrap(), ticks)
+        });
+        match (*today, found) {
+            (Ends(fault, ticks), Some(found)) => {
+                assert_eq!(found, (fault, ticks), "{name}");
+                let after = seen.iter().skip_while(|row| row.fault.is_none());
+                assert!(after.clone().count() > 1000);
+                for row in after {
+                    assert_eq!((row.torque, row.target), ([0.0; 2], [0.0; 2]), "{name}");
+                }
+            }
+            (Unnoticed, None) => assert!(seen.len() == sound.len(), "{name}: {figures:?}"),
+            (RunsAway, Some((fault, ticks))) => {
+                assert_eq!(fault, Fault::SensorRange, "{name}");
+                assert!(ticks > 20, "{name}: {ticks} ticks are no run-away");
+            }
+            (today, found) => panic!("{name}: {today:?} is known, {found:?} happens"),
+        }
+        // It does something: none is the run without it.
+        assert_ne!(seen.last(), sound.last(), "{name}");
+    }
+}
+
+#[test]
+fn the_documents_table_of_faults_is_this_one() {
+    let file = example("../docs/bench.md");
+    let text = std::fs::read_to_string(file).unwrap();
+    let rows = text
+        .lines()
+        .skip_while(|line| !line.starts_with("| fault | value in |"));
+    let rows: Vec<Vec<&str>> = rows
+        .skip(2)
+        .take_while(|line| line.starts_with('|'))
+        .map(|line| line.trim_matches('|').split('|').map(str::trim).collect())
+        .collect();
+    assert_eq!(rows.len(), FAULTS.len());
+    for (row, (name, _, number, today)) in rows.iter().zip(FAULTS) {
+        let [shown, unit, is, in_matrix, words] = row.as_slice() else {
+            panic!("{row:?}");
+        };
+        assert_eq!(*shown, format!("`{name}`"));
+        assert_eq!(
+            *unit,
+            FaultName::find(name).unwrap().unit.unwrap_or(""),
+            "{name}"
+        );
+        assert!(!is.is_empty(), "{name}");
+        assert_eq!(
+            (*in_matrix, *words),
+            (*number, today.words().as_str()),
+            "{name}"
+        );
+    }
+}
+
+#[test]
+fn a_fault_that_ends_is_gone() {
+    let bench = OnBench::new(&example("scenarios/nominal.toml"), &[SLOPE]);
+    let fault = TimedFault {
+        kind: FaultName::find("strain_offset").unwrap().kind(10.0),
+        from_s: 0.5,
+        to_s: 0.5 + 100.0 / 5000.0,
+    };
+    let (seen, _) = rows(&bench, vec![fault]);
+    let (sound, _) = rows(&bench, vec![]);
+    let differs = |a: f64, b: f64| {
+        let rows = seen
+            .iter()
+            .zip(&sound)
+            .filter(|(row, _)| (a..b).contains(&row.t));
+        let counts = rows.map(|(x, y)| x.sample.strain.abs_diff(y.sample.strain));
+        counts.max().unwrap()
+    };
+    assert_eq!(differs(-0.3, 0.4999), 0);
+    assert!(differs(0.4999, 0.5005) >= 10);
+    // Much later the arm has forgotten it, but for noise.
+    assert!(differs(1.9, 2.0) <= 6, "{}", differs(1.9, 2.0));
+}
