@@ -106,6 +106,9 @@ fn draw(file: &str, over_elements: &[Point], over_stiffness: &[Point]) -> Result
         .configure_mesh()
         .x_desc("elements of link 2")
         .y_desc("times real time, one core")
+        .light_line_style(TRANSPARENT)
+        .x_label_formatter(&|x| format!("{x:.0}"))
+        .y_label_formatter(&|y| format!("{y:.0}"))
         .draw()?;
     for (i, (colour, name)) in SERIES.iter().enumerate() {
         let points = over_elements.iter().map(|p| (p.0, p.1[i]));
@@ -116,6 +119,7 @@ fn draw(file: &str, over_elements: &[Point], over_stiffness: &[Point]) -> Result
     }
     chart
         .configure_series_labels()
+        .position(SeriesLabelPosition::UpperRight)
         .border_style(BLACK.mix(0.3))
         .background_style(WHITE)
         .draw()?;
@@ -129,7 +133,9 @@ fn draw(file: &str, over_elements: &[Point], over_stiffness: &[Point]) -> Result
     chart
         .configure_mesh()
         .x_desc("stiffness of the contact, N/m")
+        .light_line_style(TRANSPARENT)
         .x_label_formatter(&|x| format!("{x:.0e}"))
+        .y_label_formatter(&|y| format!("{y:.0}"))
         .draw()?;
     for (i, (colour, _)) in SERIES.iter().enumerate() {
         let points = over_stiffness.iter().map(|p| (p.0, p.1[i]));

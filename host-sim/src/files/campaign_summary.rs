@@ -7,7 +7,7 @@ use crate::campaign::record::RunFigures;
 use serde_json::{Map, Value, json};
 
 /// A campaign's findings, keys with units; `parameters` are the drawn ones, which drivers are
-/// named by. A figure is `null` where every run failed, or where it is not finite.
+/// named by. A figure's values are `null` where every run failed, or where they are not finite.
 ///
 /// `fail_rate_ci95` is the two ends of the failure rate's confidence interval; every figure an
 /// object with `median`, `p95` and `max` over the runs that did not fail; `holds` is whether all
