@@ -1,6 +1,8 @@
 //! Campaigns and runs on the bench as a user meets them: reproducible, resumable, in shards, and
 //! clear about what is wrong.
 
+mod campaign_laws;
+
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -96,83 +98,6 @@ fn a_campaign_prints_what_tools_rely_on_and_is_reproducible() {
     assert_eq!(lines(&first)[..], lines(&again)[..25]);
     json(&campaign(&again, &["--runs", "24", "--seed", "4"]));
     assert_ne!(lines(&first)[1..], lines(&again)[1..]);
-}
-
-/// A controller file of the examples.
-fn example(name: &str) -> String {
-    root().join("examples").join(name).display().to_string()
-}
-
-#[test]
-fn the_hybrid_law_fails_on_no_arm_of_the_bench() {
-    let place = folder("campaign_hybrid");
-    let p95 = |more: &[&str]| {
-        let arguments = [&["--runs", "40", "--seed", "5"], more].concat();
-        let result = json(&campaign(&place, &arguments));
-        assert_eq!(result["failed"], 0, "{more:?}");
-        assert_eq!(result["contact_lost_s"]["max"], 0.0, "{more:?}");
-        let value = |key: &str| result[key]["p95"].as_f64().unwrap();
-        assert!(value("along_error_max_m") < 0.01, "{more:?}");
-        value("force_error_rms_N")
-    };
-    let hub = example("controller_hybrid.toml");
-    assert!(p95(&["--controller", &hub]) < 0.25);
-    let any = example("controller_any_hub.toml");
-    let bare = ["--set", "plant.root_inertia_kgm2=0.0"];
-    assert!(p95(&["--controller", &any]) < 0.27);
-    assert!(p95(&[&["--controller", &any][..], &bare].concat()) < 0.27);
-}
-
-#[test]
-fn what_knows_the_papers_law_alone_says_so() {
-    let (place, law) = (folder("hybrid_refused"), example("controller_any_hub.toml"));
-    let out = place.join("out").display().to_string();
-    for (arguments, words) in [
-        (
-            &["gains"][..],
-            "law = \"hybrid\" is not known to `flexor gains` yet",
-        ),
-        (
-            &["demo"],
-            "law = \"hybrid\" is not known to `flexor demo` yet",
-        ),
-        (
-            &["accuracy"],
-            "law = \"hybrid\" has no formats in fixed point yet",
-        ),
-        (
-            &["run", "--ideal", "--number", "fixed"],
-            "law = \"hybrid\" has no formats in fixed point yet",
-        ),
-        (
-            &["run", "--mode", "feedback"],
-            "--mode feedback has no effect",
-        ),
-        (
-            &["run", "--ideal", "--mode", "feedback"],
-            "--mode feedback has no effect",
-        ),
-    ] {
-        let output = flexor(&[arguments, &["--controller", &law, "--out", &out]].concat());
-        let message = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
-        assert!(
-            message.contains(words) && message.lines().count() == 1,
-            "{message}"
-        );
-    }
-    // In the ideal world it runs.
-    let more = [
-        "run",
-        "--ideal",
-        "--require-completed",
-        "--out",
-        &out,
-        "--controller",
-        &law,
-    ];
-    let output = flexor(&more);
-    assert!(output.status.success(), "{}", text(&output.stderr));
 }
 
 #[test]

@@ -105,8 +105,7 @@ impl BenchSetup {
         let contact = &mut parameters.contact;
         contact.friction_at_rest = contact.friction_at_rest.max(contact.friction);
         let mut sensors = self.sensors;
-        // The board's scale is the planned arm's, and the gauge is calibrated in N m with a weight.
-        sensors.slope_per_moment = 1.0 / plan.model.arm.moment_per_root_slope();
+        sensors.slope_per_moment = 1.0 / arm.moment_per_root_slope();
         sensors.normal = plan.surface.normal;
         let mut on_bench = BenchArm::new(plan, &arm, self.plant.elements, parameters, sensors)?;
         on_bench.faults.clone_from(&self.faults);

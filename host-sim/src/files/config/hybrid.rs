@@ -73,14 +73,10 @@ pub(super) fn parse_hybrid(file: &str, text: &str) -> Result<HybridParameters, C
     })
 }
 
-/// `law` as the text of a `controller.toml`; see [`super::controller_toml`].
-pub(super) fn hybrid_toml(law: &HybridParameters, how: &[String]) -> String {
+/// The keys with their values, and what each is.
+fn lines(law: &HybridParameters) -> [(&'static str, String, &'static str); 13] {
     let pair = |[first, second]: [f64; 2]| format!("[{}, {}]", number(first), number(second));
-    let mut text =
-        String::from("# Gains of the hybrid law; docs/control.md says what each does.\n");
-    text.extend(how.iter().map(|line| format!("# {line}\n")));
-    text.push('\n');
-    let lines = [
+    [
         (
             "law",
             "\"hybrid\"".into(),
@@ -146,7 +142,15 @@ pub(super) fn hybrid_toml(law: &HybridParameters, how: &[String]) -> String {
             pair(law.section_force),
             "h: what the force error's moment feeds to it",
         ),
-    ];
-    text.extend(lines.map(|(key, value, what)| line(&format!("{key} = {value}"), what)));
+    ]
+}
+
+/// `law` as the text of a `controller.toml`; see [`super::controller_toml`].
+pub(super) fn hybrid_toml(law: &HybridParameters, how: &[String]) -> String {
+    let mut text =
+        String::from("# Gains of the hybrid law; docs/control.md says what each does.\n");
+    text.extend(how.iter().map(|line| format!("# {line}\n")));
+    text.push('\n');
+    text.extend(lines(law).map(|(key, value, what)| line(&format!("{key} = {value}"), what)));
     text
 }

@@ -165,11 +165,6 @@ fn boards<'a, T: Lanes>(
         law: *task.law,
         limits: task.limits.at_most(task.board.drive_limit_nm),
     };
-    // A board's setup names the arm that it moves: the planned one.
-    let board = BenchBoard {
-        calibration: task.board.calibration.for_arm(&plan.model.arm),
-        ..*task.board
-    };
     let table = Table::open(task.image)?;
     let first_row = table.cursor::<f32>().row();
     let planned = (plan.points[0].torque, &first_row);
@@ -177,6 +172,11 @@ fn boards<'a, T: Lanes>(
     for ((i, arm), places) in arms.iter().enumerate().zip(places) {
         let inside = (parameters.controller(&table)?, places);
         let (first, rate) = (outputs.lane(i), plan.tick_rate_hz);
+        // The gauge is calibrated in N m on the arm itself, by hanging a known weight from it.
+        let board = BenchBoard {
+            calibration: task.board.calibration.for_arm(&arm.model.arm),
+            ..*task.board
+        };
         boards.push(Lane::new(arm, &board, inside, &first, planned, rate));
     }
     Ok(boards)
