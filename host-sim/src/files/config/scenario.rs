@@ -325,18 +325,11 @@ impl Reader<'_> {
             Value::Table(table) => spread(table).ok_or_else(wrong)?,
             value => Distribution::Fixed(number(value).ok_or_else(wrong)?),
         };
-        let whole = !key.whole
-            || !matches!(distribution, Distribution::Choice(_))
-            || matches!(&distribution, Distribution::Choice(all) if all.iter().all(|x| key.holds(*x)));
-        let continuous = matches!(
-            distribution,
-            Distribution::Uniform(_) | Distribution::LogUniform(_) | Distribution::Normal(_)
-        );
-        let [low, high] = distribution.bounds();
-        let holds = if continuous && key.whole {
-            false
-        } else {
-            whole && key.holds(low) && key.holds(high)
+        let holds = match &distribution {
+            Distribution::Fixed(value) => key.holds(*value),
+            Distribution::Choice(values) => values.iter().all(|value| key.holds(*value)),
+            // What lies between two whole numbers is none.
+            spread => !key.whole && spread.bounds().iter().all(|bound| key.holds(*bound)),
         };
         if holds {
             Ok(distribution)

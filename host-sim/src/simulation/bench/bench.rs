@@ -62,11 +62,6 @@ impl BenchRow {
     pub fn force_error(&self) -> f64 {
         self.reading.force - self.force_reference
     }
-
-    /// Place of the tip along the planned surface less the planned place, m.
-    pub fn along_error(&self) -> f64 {
-        self.along_error
-    }
 }
 
 /// Angle, rad, and contact force, N, from which on a state is absurd.

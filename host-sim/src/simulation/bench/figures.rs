@@ -148,7 +148,7 @@ impl Tally {
     /// A tick more.
     pub(super) fn add(&mut self, row: &BenchRow) {
         let figures = &mut self.figures;
-        let (force, along) = (row.force_error(), row.along_error());
+        let (force, along) = (row.force_error(), row.along_error);
         self.ticks += 1;
         self.force_square += force * force;
         self.along_square += along * along;
