@@ -431,7 +431,7 @@ fn what_is_wrong_with_a_scenario_is_said_in_one_line() {
     refused(
         "[plant]\ngeometric_stiffness = 1",
         &[],
-        &["plant.geometric_stiffness = 1", "true or false"],
+        &["plant.geometric_stiffness = 1", "\"contact\" or \"full\""],
     );
     refused(
         "[root_gauge]\nmeasures = \"strain\"",

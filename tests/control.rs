@@ -5,6 +5,7 @@ use flexor::fault::Fault;
 use flexor::model::ArmParameters;
 use flexor::signals::{Measurement, Saturation};
 use flexor::table::Table;
+use flexor_sim::model::geometric_stiffness::GeometricStiffness;
 use flexor_sim::planner::limits::default_limits;
 use flexor_sim::planner::plan::Plan;
 use flexor_sim::planner::table_fit::EncodedTable;
@@ -421,7 +422,7 @@ fn a_richer_plant_runs_with_every_option() {
             root_inertia_kgm2: Some(2e-5),
             tip_mass_kg: Some(0.002),
             viscous_friction_nms_rad: [0.005, 0.0005],
-            geometric_stiffness: true,
+            geometric_stiffness: GeometricStiffness::Full,
             ..PlantParameters::default()
         },
         ..options(&plan, Mode::Proposed, 1.0, Start::Equilibrium)

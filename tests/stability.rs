@@ -20,6 +20,7 @@ use flexor_sim::analysis::stability::tune::{Prediction, TuneOptions, tune};
 use flexor_sim::files::config;
 use flexor_sim::model::configuration::State;
 use flexor_sim::model::forward::Workspace;
+use flexor_sim::model::geometric_stiffness::GeometricStiffness;
 use flexor_sim::planner::limits::default_limits;
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::table_fit;
@@ -163,7 +164,7 @@ fn the_linearisation_is_the_derivative_of_the_constrained_plant() {
             bending_stiffness_scale: 0.9,
             link2_mass_scale: 1.1,
             viscous_friction_nms_rad: [0.01, 0.001],
-            geometric_stiffness: true,
+            geometric_stiffness: GeometricStiffness::Full,
             ..PlantParameters::default()
         };
         for (parameters, angle) in [(planned_plant(&plan), 0.0), (rich, 0.03)] {

@@ -5,6 +5,7 @@ use flexor_sim::analysis::stability::path::Report;
 use flexor_sim::campaign::setup::BenchSetup;
 use flexor_sim::files::config;
 use flexor_sim::model::configuration::Surface;
+use flexor_sim::model::geometric_stiffness::GeometricStiffness;
 use flexor_sim::planner::limits::default_limits;
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::table_fit;
@@ -82,7 +83,7 @@ fn bench_plant_1_s_with_everything<T: Lanes>(bencher: divan::Bencher<'_, '_>, el
     let mut parameters = ideal(2e4);
     parameters.contact.friction = 0.3;
     parameters.contact.friction_at_rest = 0.35;
-    parameters.geometric_stiffness = true;
+    parameters.geometric_stiffness = GeometricStiffness::Full;
     parameters.surface.waviness_m = 1e-4;
     parameters.surface.features = vec![SurfaceFeature::Hole {
         from_m: 0.4,

@@ -4,6 +4,7 @@ use crate::campaign::distribution::Distribution;
 use crate::campaign::keys::Key;
 use crate::campaign::setup::BenchSetup;
 use crate::campaign::verdict::Limits as VerdictLimits;
+use crate::model::geometric_stiffness::GeometricStiffness;
 use crate::plant::bench::{GaugeSignal, RandomStream, SurfaceFeature};
 use crate::simulation::bench::{FailureLimits, TimedFault};
 
@@ -12,8 +13,8 @@ use crate::simulation::bench::{FailureLimits, TimedFault};
 pub struct Scenario {
     /// Its numbers, fixed or spread.
     pub numbers: Vec<(&'static Key, Distribution)>,
-    /// Whether axial force changes the bending stiffness.
-    pub geometric_stiffness: bool,
+    /// Axial forces that change the bending stiffness.
+    pub geometric_stiffness: GeometricStiffness,
     /// What the root gauge shows; `None` for the default.
     pub gauge_signal: Option<GaugeSignal>,
     /// Steps, holes and ends of the surface.

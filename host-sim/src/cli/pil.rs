@@ -103,7 +103,7 @@ fn compare(args: &PilArgs, simulation: &Simulation) -> Result<Compared, CliError
         let pil = pil::run(&mut target, plan, image, options, |_| go_on())?;
         let setup = ControllerParameters {
             arm: plan.model.arm,
-            law: options.law,
+            law: options.law.without_settling(),
             limits: options.limits,
         };
         let random_differing = match args.random {

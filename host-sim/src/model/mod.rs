@@ -4,4 +4,5 @@ pub mod arm_model;
 pub mod configuration;
 pub mod dynamics;
 pub mod forward;
+pub mod geometric_stiffness;
 pub mod printed;

@@ -1,6 +1,7 @@
 //! How a plant differs from the arm that was planned for.
 
 use crate::model::arm_model::{ArmModel, ModelError};
+use crate::model::geometric_stiffness::GeometricStiffness;
 use flexor::model::ArmParameters;
 
 /// How the plant differs from the arm that was planned for.
@@ -26,8 +27,8 @@ pub struct PlantParameters {
     pub viscous_friction_nms_rad: [f64; 2],
     /// Coulomb friction of the two joints, N m.
     pub coulomb_friction_nm: [f64; 2],
-    /// Whether axial force changes the bending stiffness.
-    pub geometric_stiffness: bool,
+    /// Axial forces that change the bending stiffness.
+    pub geometric_stiffness: GeometricStiffness,
     /// Integration steps a control period; `None` derives them from the highest
     /// frequency.
     pub substeps: Option<u32>,
@@ -47,7 +48,7 @@ impl Default for PlantParameters {
             tip_inertia_kgm2: None,
             viscous_friction_nms_rad: [0.0; 2],
             coulomb_friction_nm: [0.0; 2],
-            geometric_stiffness: false,
+            geometric_stiffness: GeometricStiffness::None,
             substeps: None,
         }
     }
@@ -59,7 +60,9 @@ impl PlantParameters {
     /// # Errors
     /// [`ModelError`] for a number of elements or data that no model can be made of.
     pub fn model(&self, planned: &ArmParameters) -> Result<ArmModel, ModelError> {
-        ArmModel::new(&self.arm(planned), self.elements)
+        let mut model = ArmModel::new(&self.arm(planned), self.elements)?;
+        self.geometric_stiffness.restrict(&mut model);
+        Ok(model)
     }
 
     /// The arm that the plant is.

@@ -57,7 +57,7 @@ pub fn resting_state(
     angle: [f64; 2],
     force: [f64; 2],
 ) -> Result<Vec<f64>, PlantError> {
-    let geometric = parameters.geometric_stiffness;
+    let geometric = parameters.geometric_stiffness.is_any();
     let (q, _) =
         dynamics::equilibrium(model, angle, force, geometric).ok_or(PlantError::Buckled)?;
     Ok(state_of(angle, &q, &vec![0.0; model.dof()]))
@@ -88,7 +88,7 @@ pub fn derivative<T: Real>(
     let lost = friction(parameters, [rate1, rate2 + root_rate - rate1]);
     let drive = Actuation {
         torque: [torque[0] - lost[0], torque[1] - lost[1]],
-        geometric_stiffness: parameters.geometric_stiffness,
+        geometric_stiffness: parameters.geometric_stiffness.is_any(),
     };
     let q_acceleration = &mut derivative[4 + n..];
     let (acceleration, force) = forward(model, surface, view, &drive, workspace, q_acceleration);
@@ -391,6 +391,7 @@ fn highest_frequency(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::geometric_stiffness::GeometricStiffness;
     use crate::testing;
     use flexor::model::ArmParameters;
 
@@ -498,14 +499,18 @@ mod tests {
 
     #[test]
     fn the_plants_own_equilibrium_rests_on_the_planned_force() {
-        for geometric_stiffness in [false, true] {
+        for geometric_stiffness in [
+            GeometricStiffness::None,
+            GeometricStiffness::Contact,
+            GeometricStiffness::Full,
+        ] {
             let parameters = PlantParameters {
                 bending_stiffness_scale: 0.9,
                 geometric_stiffness,
                 ..PlantParameters::default()
             };
             let mut plant = resting(&testing::PAPER, &parameters, PERIOD_S);
-            let geometric = parameters.geometric_stiffness;
+            let geometric = parameters.geometric_stiffness.is_any();
             let angle = State(plant.state()).angle();
             let (_, torque) =
                 dynamics::equilibrium(plant.model(), angle, FORCE, geometric).unwrap();

@@ -240,14 +240,15 @@ pub struct Simulation<'a, T: TableScalar> {
 
 impl<'a, T: TableScalar<Format = ()>> Simulation<'a, T> {
     /// The controller, in floating-point type `T`, with `plan`'s table `image` against the
-    /// plant of `options`, before the plan's first tick.
+    /// plant of `options`, before the plan's first tick. It follows the table at once: this loop's
+    /// plant starts as `options` say, and not as a law has settled it.
     ///
     /// # Errors
     /// [`RunError`]; what goes wrong later is the run's [`Outcome`].
     pub fn new(plan: &'a Plan, image: &'a [u8], options: &RunOptions) -> Result<Self, RunError> {
         let table = Table::open(image)?;
-        let (law, limits) = (&options.law, &options.limits);
-        let controller = Controller::new(&table, &plan.model.arm, law, limits)?;
+        let law = options.law.without_settling();
+        let controller = Controller::new(&table, &plan.model.arm, &law, &options.limits)?;
         let plant = plant_for(plan, &options.plant, options.start)?;
         let formats = Formats::default();
         Ok(Self::with_controller(plan, controller, &formats, plant))

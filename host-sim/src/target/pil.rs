@@ -151,7 +151,8 @@ pub fn run(
 ) -> Result<PilRun, PilError> {
     let parameters = ControllerParameters {
         arm: plan.model.arm,
-        law: options.law,
+        // As the simulation beside it.
+        law: options.law.without_settling(),
         limits: options.limits,
     };
     let slot = start_with(target, image, &Setup::from(&parameters))?;

@@ -4,6 +4,9 @@
 //! and returns what the drives get until the next tick. Firmware and simulator call
 //! this very function. It allocates nothing, calls no libm function, and always returns finite torques within the limits.
 //!
+//! A law that settles first (see the hybrid law) is given the table's first tick for so long; the
+//! time of the table stands still meanwhile.
+//!
 //! A [`Fault`] is latched: from then on the torques are zero until
 //! [`Controller::restart`].
 
@@ -176,8 +179,10 @@ pub struct Controller<'a, T: TableScalar> {
     limiter: TorqueLimiter<T>,
     table: Table<'a>,
     cursor: Cursor<'a, T>,
-    /// Torques of the tick before; of no meaning at the first.
-    previous: [T; 2],
+    /// Ticks for which the table's first one is still held.
+    settle_left: u32,
+    /// Torques of the tick before, if there was one.
+    previous: Option<[T; 2]>,
     fault: Option<Fault>,
     saturations: SaturationCounts<T::SaturationCount>,
 }
@@ -235,11 +240,12 @@ impl<'a, T: TableScalar> Controller<'a, T> {
             Law::Hybrid(_) => cursor.with_pose(table),
         };
         Self {
+            settle_left: law.settle_ticks(),
             feedback: Feedback::new(law),
             limiter,
             table: *table,
             cursor,
-            previous: [T::ZERO; 2],
+            previous: None,
             fault: None,
             saturations: SaturationCounts::default(),
         }
@@ -248,11 +254,17 @@ impl<'a, T: TableScalar> Controller<'a, T> {
     /// Back to the table's first tick, with nothing remembered, no fault and no saturation.
     pub fn restart(&mut self) {
         self.cursor.restart(&self.table);
-        match &mut self.feedback {
-            Feedback::Paper(_, state) => *state = PaperState::default(),
-            Feedback::Hybrid(_, state) => *state = HybridState::default(),
-        }
-        self.previous = [T::ZERO; 2];
+        self.settle_left = match &mut self.feedback {
+            Feedback::Paper(_, state) => {
+                *state = PaperState::default();
+                0
+            }
+            Feedback::Hybrid(law, state) => {
+                *state = HybridState::default();
+                law.settle_ticks
+            }
+        };
+        self.previous = None;
         self.fault = None;
         self.saturations = SaturationCounts::default();
     }
@@ -261,6 +273,11 @@ impl<'a, T: TableScalar> Controller<'a, T> {
     /// already: torques are zero from the next tick on.
     pub fn trip(&mut self, fault: Fault) {
         self.fault = self.fault.or(Some(fault));
+    }
+
+    /// Ticks for which the table's first one is still held: 0 as soon as the table goes on.
+    pub fn settle_left(&self) -> u32 {
+        self.settle_left
     }
 
     /// True when the table's last tick has been reached; further ticks hold it.
@@ -290,7 +307,7 @@ impl<'a, T: TableScalar> Controller<'a, T> {
         if self.fault.is_none() {
             let gate = Gate {
                 limiter: &self.limiter,
-                previous: (tick > 0).then_some(self.previous),
+                previous: self.previous,
             };
             let counts = &mut self.saturations;
             let given = match &mut self.feedback {
@@ -306,8 +323,12 @@ impl<'a, T: TableScalar> Controller<'a, T> {
                 Err(fault) => self.fault = Some(fault),
             }
         }
-        self.previous = torque;
-        self.cursor.advance();
+        self.previous = Some(torque);
+        if self.settle_left > 0 {
+            self.settle_left -= 1;
+        } else {
+            self.cursor.advance();
+        }
         Command {
             torque,
             tick,

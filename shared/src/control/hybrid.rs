@@ -29,6 +29,10 @@
 //! **Torque loop.** D makes the root moment what the law wants: it takes out gear friction and the
 //! drive's error. K_T = 0 does without the gauge.
 //!
+//! **Settling.** Before the table begins, its first tick is held for `settle_s`: nothing moves, and
+//! the integrals find what the plan does not know of the arm at rest (weight, stiffness, offsets).
+//! The controller keeps count; the law itself knows no difference.
+//!
 //! **First tick.** All states are zero and the errors before are the present ones: no kick.
 //!
 //! **Anti-windup.** What this tick added to joint 1's integral, the force integral and D is taken
@@ -69,6 +73,8 @@ pub struct HybridParameters {
     pub section_angle_nm_rad: [f64; 2],
     /// h: what the force error's moment, phi, feeds to them.
     pub section_force: [f64; 2],
+    /// Time for which the table's first tick is held before the table begins, s.
+    pub settle_s: f64,
 }
 
 impl HybridParameters {
@@ -77,7 +83,7 @@ impl HybridParameters {
         joint_stiffness_nm_rad: [800.0, 2.21],
         joint_damping_nms_rad: [60.0, 0.0307],
         rate_filter_hz: [30.0, 4280.0],
-        joint1_integral_nm_rads: 1700.0,
+        joint1_integral_nm_rads: 2500.0,
         joint1_integral_limit_nm: 50.0,
         force_integral_per_s: 10.2,
         torque_loop_per_s: 91.0,
@@ -86,6 +92,7 @@ impl HybridParameters {
         section_damping: 0.567,
         section_angle_nm_rad: [0.894, 1.125],
         section_force: [0.156, 0.208],
+        settle_s: 2.0,
     };
 
     /// The parameters as they go over the link, in f32: a law that the host makes from the file
@@ -105,7 +112,14 @@ impl HybridParameters {
             section_damping: sent(self.section_damping),
             section_angle_nm_rad: self.section_angle_nm_rad.map(sent),
             section_force: self.section_force.map(sent),
+            settle_s: sent(self.settle_s),
         }
+    }
+
+    /// Ticks for which the table's first one is held, at `tick_rate_hz`.
+    pub fn settle_ticks(&self, tick_rate_hz: u32) -> u32 {
+        // To the nearest; none where it is negative or NaN.
+        (self.sent().settle_s * f64::from(tick_rate_hz) + 0.5) as u32
     }
 
     /// The section's step from tick to tick, `exp(T A)`: what each state keeps of itself, and what
@@ -173,6 +187,8 @@ pub struct HybridLaw<T: Scalar> {
     section_angle: [T::Gain; 2],
     /// w T h.
     section_force: [T::Gain; 2],
+    /// Ticks for which the table's first one is held.
+    pub(crate) settle_ticks: u32,
     /// Format change of moment arm (m) times force (N) to torque (N m).
     torque: T::Shift,
 }
@@ -272,6 +288,7 @@ impl<T: SiScalar> HybridLaw<T> {
             section_force: p
                 .section_force
                 .map(|gain| T::gain(section * gain, torque2, torque2)),
+            settle_ticks: p.settle_ticks(tick_rate_hz),
             torque: T::shift(formats.moment_arm, formats.force, torque2),
         }
     }

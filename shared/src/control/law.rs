@@ -33,6 +33,26 @@ impl LawParameters {
         }
     }
 
+    /// Ticks for which the controller holds the table's first one before the table begins.
+    pub fn settle_ticks(&self, tick_rate_hz: u32) -> u32 {
+        match self {
+            Self::Paper(_) => 0,
+            Self::Hybrid(hybrid) => hybrid.settle_ticks(tick_rate_hz),
+        }
+    }
+
+    /// The same law, which follows the table at once.
+    #[must_use]
+    pub fn without_settling(self) -> Self {
+        match self {
+            Self::Paper(_) => self,
+            Self::Hybrid(hybrid) => Self::Hybrid(HybridParameters {
+                settle_s: 0.0,
+                ..hybrid
+            }),
+        }
+    }
+
     /// The parameters of the paper's law, if that is the one.
     pub fn paper(&self) -> Option<&PaperParameters> {
         match self {
@@ -62,6 +82,16 @@ pub enum Law<T: Scalar> {
     Paper(PaperLaw<T>),
     /// The hybrid law.
     Hybrid(HybridLaw<T>),
+}
+
+impl<T: Scalar> Law<T> {
+    /// Ticks for which the controller holds the table's first one before the table begins.
+    pub(crate) fn settle_ticks(&self) -> u32 {
+        match self {
+            Self::Paper(_) => 0,
+            Self::Hybrid(law) => law.settle_ticks,
+        }
+    }
 }
 
 impl<T: SiScalar> Law<T> {

@@ -56,6 +56,8 @@ pub struct HybridSetup {
     pub section_angle_nm_rad: [f32; 2],
     /// h.
     pub section_force: [f32; 2],
+    /// Time for which the table's first tick is held, s.
+    pub settle_s: f32,
 }
 
 /// Gains and options of the paper's control law (eq. 18-20), SI.
@@ -180,13 +182,14 @@ mod tests {
             section_damping: 13.0,
             section_angle_nm_rad: [14.0, 15.0],
             section_force: [16.0, 17.0],
+            settle_s: 18.0,
         });
         let mut buffer = [0; 256];
         let bytes = Setup { law, ..SETUP }.encode(&mut buffer).unwrap().to_vec();
         let mut expected = std::vec![1_u8];
-        expected.extend((1..=17_u8).flat_map(|x| f32::from(x).to_le_bytes()));
-        assert_eq!(bytes.len(), 190 + 4);
-        assert_eq!(bytes[89..158], expected);
+        expected.extend((1..=18_u8).flat_map(|x| f32::from(x).to_le_bytes()));
+        assert_eq!(bytes.len(), 194 + 4);
+        assert_eq!(bytes[89..162], expected);
         assert_eq!(Setup::decode(&bytes), Some(Setup { law, ..SETUP }));
     }
 

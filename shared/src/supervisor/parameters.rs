@@ -127,6 +127,7 @@ impl From<HybridSetup> for HybridParameters {
             section_damping: hybrid.section_damping.into(),
             section_angle_nm_rad: hybrid.section_angle_nm_rad.map(f64::from),
             section_force: hybrid.section_force.map(f64::from),
+            settle_s: hybrid.settle_s.into(),
         }
     }
 }
@@ -147,6 +148,7 @@ impl From<HybridParameters> for HybridSetup {
             section_damping: hybrid.section_damping as f32,
             section_angle_nm_rad: hybrid.section_angle_nm_rad.map(|x| x as f32),
             section_force: hybrid.section_force.map(|x| x as f32),
+            settle_s: hybrid.settle_s as f32,
         }
     }
 }

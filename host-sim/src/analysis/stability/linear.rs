@@ -87,7 +87,7 @@ impl OperatingPoint {
                 .filter(|(q, _)| q.iter().all(|x| x.is_finite()))
                 .ok_or(StabilityError::Buckled { t_s: t })
         };
-        let geometric = variant.parameters.geometric_stiffness;
+        let geometric = variant.parameters.geometric_stiffness.is_any();
         let own = rest(model, normal.map(|n| n * plan.task.normal_force), geometric)?;
         let theirs = rest(planned, plan.force(), false)?;
         let projected = model.project_shape_from(planned, &theirs.0);

@@ -291,7 +291,7 @@ fn starts(plan: &Plan, variant: &PlantVariant) -> Result<[Vec<f64>; 2], Stabilit
     let t = plan.time(0);
     let point = sampler.at(t);
     let model = &variant.model;
-    let geometric = variant.parameters.geometric_stiffness;
+    let geometric = variant.parameters.geometric_stiffness.is_any();
     let (rest, _) = dynamics::equilibrium(model, point.joint.angle, plan.force(), geometric)
         .ok_or(StabilityError::Buckled { t_s: t })?;
     let q = model.project_shape_from(&plan.model, sampler.q());

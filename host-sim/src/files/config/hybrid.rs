@@ -7,6 +7,10 @@ use flexor::control::HybridParameters;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
+/// Time to settle where a file leaves it out, s: the slowest pole is at -3 1/s, and what is left
+/// of the start's error after this is in the noise.
+const SETTLE_S: f64 = 2.0;
+
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct HybridFile {
@@ -34,6 +38,7 @@ struct HybridFile {
     #[serde(rename = "section_angle_Nm_rad")]
     section_angle: [f64; 2],
     section_force: [f64; 2],
+    settle_s: Option<f64>,
 }
 
 /// Reads a file that is of the hybrid law.
@@ -70,11 +75,14 @@ pub(super) fn parse_hybrid(file: &str, text: &str) -> Result<HybridParameters, C
         section_damping: check.value("section_damping", read.section_damping)?,
         section_angle_nm_rad: check.pair("section_angle_Nm_rad", read.section_angle)?,
         section_force: check.pair("section_force", read.section_force)?,
+        settle_s: check
+            .optional("settle_s", read.settle_s)?
+            .unwrap_or(SETTLE_S),
     })
 }
 
 /// The keys with their values, and what each is.
-fn lines(law: &HybridParameters) -> [(&'static str, String, &'static str); 13] {
+fn lines(law: &HybridParameters) -> [(&'static str, String, &'static str); 14] {
     let pair = |[first, second]: [f64; 2]| format!("[{}, {}]", number(first), number(second));
     [
         (
@@ -141,6 +149,11 @@ fn lines(law: &HybridParameters) -> [(&'static str, String, &'static str); 13] {
             "section_force",
             pair(law.section_force),
             "h: what the force error's moment feeds to it",
+        ),
+        (
+            "settle_s",
+            number(law.settle_s),
+            "how long the first tick is held before the table begins",
         ),
     ]
 }

@@ -1,9 +1,12 @@
 //! A plant file: how the simulated arm differs from the planned one.
 
 use super::{Check, ConfigError, optional_pair, parse};
+use crate::model::geometric_stiffness::GeometricStiffness;
 use crate::plant::PlantParameters;
 use crate::simulation::start::Start;
-use serde::Deserialize;
+use serde::de::Error;
+use serde::{Deserialize, Deserializer};
+use toml::Value;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -22,7 +25,8 @@ struct PlantFile {
     #[serde(rename = "coulomb_friction_Nm")]
     #[serde(default, deserialize_with = "optional_pair")]
     coulomb_friction: Option<[f64; 2]>,
-    geometric_stiffness: Option<bool>,
+    #[serde(default, deserialize_with = "optional_stiffness")]
+    geometric_stiffness: Option<GeometricStiffness>,
     substeps: Option<u32>,
     start: Option<StartFile>,
 }
@@ -33,6 +37,24 @@ enum StartFile {
     PlanMoving,
     PlanAtRest,
     Equilibrium,
+}
+
+/// Geometric stiffness as files say it: a name; `true` is everything, `false` nothing.
+pub(super) fn geometric_stiffness(value: &Value) -> Option<GeometricStiffness> {
+    match value {
+        Value::Boolean(on) => Some(GeometricStiffness::from(*on)),
+        Value::String(name) => GeometricStiffness::from_name(name),
+        _ => None,
+    }
+}
+
+fn optional_stiffness<'de, D: Deserializer<'de>>(
+    deserializer: D,
+) -> Result<Option<GeometricStiffness>, D::Error> {
+    let value = Value::deserialize(deserializer)?;
+    geometric_stiffness(&value)
+        .map(Some)
+        .ok_or_else(|| D::Error::custom("not a name of a geometric stiffness"))
 }
 
 /// Reads the text of a plant file; `file` is its name for messages. What the file
@@ -62,7 +84,7 @@ pub fn parse_plant(file: &str, text: &str) -> Result<(PlantParameters, Start), C
         tip_inertia_kgm2: check.optional("tip_inertia_kgm2", read.tip_inertia_kgm2)?,
         viscous_friction_nms_rad: pair("viscous_friction_Nms_rad", read.viscous_friction)?,
         coulomb_friction_nm: pair("coulomb_friction_Nm", read.coulomb_friction)?,
-        geometric_stiffness: read.geometric_stiffness.unwrap_or(false),
+        geometric_stiffness: read.geometric_stiffness.unwrap_or_default(),
         substeps: read
             .substeps
             .map(|s| check.whole("substeps", s))

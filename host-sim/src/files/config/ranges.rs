@@ -136,6 +136,7 @@ pub(super) const RANGES: &[Range] = &[
     from("section_damping", 0.0, 1.0, "a damping ratio"),
     from("section_angle_Nm_rad", -1e6, 1e6, "two gains in N m/rad"),
     from("section_force", -1e3, 1e3, "two gains"),
+    from("settle_s", 0.0, 60.0, "a time in s"),
     from(
         "elements",
         1.0,
@@ -236,7 +237,7 @@ const WORDS: &[(&str, &str)] = &[
     ),
     ("slope_rate_feedback", "\"deviation\" or \"as-printed\""),
     ("feedforward", "true or false"),
-    ("geometric_stiffness", "true or false"),
+    ("geometric_stiffness", "\"none\", \"contact\" or \"full\""),
     (
         "start",
         "\"plan-moving\", \"plan-at-rest\" or \"equilibrium\"",

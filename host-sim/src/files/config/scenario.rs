@@ -14,6 +14,8 @@
 //! `base = "other.toml"` takes everything from another scenario first; what this one says goes
 //! before it, key by key. Files are looked for from the scenario's own folder.
 
+use super::plant::geometric_stiffness;
+use super::ranges::accepted as accepted_word;
 use super::{ConfigError, FILE_BYTES_MAX, read_text};
 use crate::campaign::distribution::Distribution;
 use crate::campaign::keys::{KEYS, Key};
@@ -286,11 +288,11 @@ impl Reader<'_> {
         for (name, value) in table {
             let full = format!("{section}.{name}");
             match (full.as_str(), value) {
-                ("plant.geometric_stiffness", Value::Boolean(on)) => {
-                    scenario.geometric_stiffness = on;
-                }
                 ("plant.geometric_stiffness", value) => {
-                    return Err(self.refused(&full, &value, "true or false"));
+                    let read = geometric_stiffness(&value);
+                    let accepted = accepted_word("geometric_stiffness").unwrap_or_default();
+                    scenario.geometric_stiffness =
+                        read.ok_or_else(|| self.refused(&full, &value, &accepted))?;
                 }
                 ("root_gauge.measures", value) => {
                     let accepted = "\"moment\" or \"slope\"";

@@ -19,6 +19,7 @@
 //! **Lanes**: several arms at once, [`crate::plant::bench::lanes`].
 
 use crate::model::arm_model::{ArmModel, ModelError};
+use crate::model::geometric_stiffness::GeometricStiffness;
 use crate::plant::PlantError;
 use crate::plant::bench::contact::{Contact, ContactParameters};
 use crate::plant::bench::drive::{DriveParameters, Lag};
@@ -43,8 +44,8 @@ pub struct CompliantParameters {
     /// The drives; only their bandwidth is the plant's concern, the rest is
     /// [`crate::plant::bench::Drive`]'s.
     pub drives: [DriveParameters; 2],
-    /// Whether axial force changes the bending stiffness.
-    pub geometric_stiffness: bool,
+    /// Axial forces that change the bending stiffness.
+    pub geometric_stiffness: GeometricStiffness,
     /// Integration steps a control period; `None` derives them from the largest eigenvalue.
     pub substeps: Option<u32>,
 }
@@ -57,7 +58,7 @@ impl CompliantParameters {
             contact: ContactParameters::default(),
             joints: [JointParameters::default(); 2],
             drives: [DriveParameters::default(); 2],
-            geometric_stiffness: false,
+            geometric_stiffness: GeometricStiffness::None,
             substeps: None,
         }
     }
@@ -77,6 +78,7 @@ impl CompliantParameters {
         };
         let mut model = ArmModel::new(&arm, elements)?;
         model.link1_inertia += added[0];
+        self.geometric_stiffness.restrict(&mut model);
         Ok(model)
     }
 
@@ -453,7 +455,7 @@ impl<T: Lanes> CompliantPlant<T> {
         }
         let parameters = |lane: usize| arms[lane].parameters;
         let geometric = arms[0].parameters.geometric_stiffness;
-        let arm = FreeArm::new(|lane| arms[lane].model, geometric);
+        let arm = FreeArm::new(|lane| arms[lane].model, geometric.is_any());
         let step = period_s / f64::from(steps);
         Ok(Self {
             scratch: arm.scratch(),

@@ -2,6 +2,7 @@
 
 use crate::model::configuration::{State, Surface};
 use crate::model::dynamics;
+use crate::model::geometric_stiffness::GeometricStiffness;
 use crate::plant::bench::lanes::Lanes;
 use crate::plant::bench::*;
 use crate::plant::*;
@@ -64,7 +65,7 @@ fn everything() -> CompliantParameters {
             delay_ticks: 1,
             ..DriveParameters::default()
         }; 2],
-        geometric_stiffness: true,
+        geometric_stiffness: GeometricStiffness::Full,
         substeps: None,
     }
 }
@@ -323,7 +324,7 @@ proptest! {
     ) {
         let mut parameters = everything();
         // The geometric stiffness has no potential in this formulation.
-        parameters.geometric_stiffness = false;
+        parameters.geometric_stiffness = GeometricStiffness::None;
         if play {
             parameters = with_play(parameters);
         }
@@ -406,7 +407,7 @@ fn without_losses_the_drives_work_is_all_there_is() {
         ..testing::PAPER
     };
     let mut parameters = with_play(everything());
-    parameters.geometric_stiffness = false;
+    parameters.geometric_stiffness = GeometricStiffness::None;
     parameters.contact.damping_ns_m = 0.0;
     parameters.contact.friction = 0.0;
     parameters.contact.friction_at_rest = 0.0;
@@ -445,7 +446,7 @@ proptest! {
     ) {
         let mut parameters = everything();
         // It has no potential in this formulation.
-        parameters.geometric_stiffness = false;
+        parameters.geometric_stiffness = GeometricStiffness::None;
         parameters.drives = [DriveParameters::default(); 2];
         parameters.contact.stiffness_n_m = stiffness;
         parameters.contact.friction = friction;
@@ -579,7 +580,7 @@ fn four(parameters: &CompliantParameters) -> Vec<(ArmParameters, CompliantParame
 fn arms_of_different_kinds_do_not_advance_together() {
     let own = ideal();
     let other = CompliantParameters {
-        geometric_stiffness: true,
+        geometric_stiffness: GeometricStiffness::Full,
         ..own.clone()
     };
     let models = [3, 4].map(|elements| own.model(&testing::PAPER, elements).unwrap());

@@ -24,8 +24,13 @@ pub(super) fn rest(
         .map_err(|problem| CompliantError::Unreachable { along_m, problem })?;
     let normal = SurfaceShape::<f64>::new(|_| surface).depth(tip).normal;
     let pressed = normal.map(|n| n * force_n);
-    let (q, on_link) = equilibrium(model, angle, pressed, parameters.geometric_stiffness)
-        .ok_or(PlantError::Buckled)?;
+    let (q, on_link) = equilibrium(
+        model,
+        angle,
+        pressed,
+        parameters.geometric_stiffness.is_any(),
+    )
+    .ok_or(PlantError::Buckled)?;
 
     let mut state = state_of(angle, &q, &vec![0.0; model.dof()]);
     // The bristles.

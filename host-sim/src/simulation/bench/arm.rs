@@ -1,6 +1,7 @@
 //! One arm on the bench with everything that belongs to it, and the board before it.
 
 use crate::model::arm_model::{ArmModel, ModelError};
+use crate::model::geometric_stiffness::GeometricStiffness;
 use crate::planner::plan::Plan;
 use crate::plant::PlantError;
 use crate::plant::bench::{
@@ -146,7 +147,7 @@ impl BenchArm {
 pub struct ArmKind {
     substeps: Option<u32>,
     elements: usize,
-    geometric_stiffness: bool,
+    geometric_stiffness: GeometricStiffness,
     play: [bool; 2],
 }
 

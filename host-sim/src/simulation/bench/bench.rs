@@ -75,7 +75,9 @@ fn diverged(reading: &CompliantReading) -> bool {
     !(sound && reading.root_slope.is_finite())
 }
 
-/// Runs the `arms` along the task's plan, side by side. `observe` is shown every tick of every
+/// Runs the `arms` along the task's plan, side by side, each from the plan's start, pressing, with
+/// as much time as the law takes to settle there. That time is before the run: no figure and no
+/// log holds it, but a fault or divergence in it ends the run. `observe` is shown every tick of every
 /// arm, with the arm's number, which is that of its lane in the plant, until it diverges.
 ///
 /// There may be fewer arms than `T` has lanes. Each one's bits are those that it has alone, if all
@@ -106,10 +108,14 @@ pub fn run<T: Lanes>(
     let mut over = vec![false; arms.len()];
     let mut targets = vec![planned; T::LANES];
 
-    for (tick, point) in plan.points.iter().enumerate() {
+    let settling = task.law.settle_ticks(plan.tick_rate_hz) as usize;
+    for tick in 0..settling + plan.points.len() {
         if tick > 0 {
             plant.advance([0, 1].map(|j| T::from_lanes(|i| targets[i][j])));
         }
+        // While the law settles, the table stands at its first tick.
+        let point = &plan.points[tick.saturating_sub(settling)];
+        let t = point.t - settling.saturating_sub(tick) as f64 * period_s;
         let outputs = plant.outputs();
         for i in 0..arms.len() {
             let reading = outputs.lane(i);
@@ -120,11 +126,15 @@ pub fn run<T: Lanes>(
             if over[i] {
                 continue;
             }
-            let given = boards[i].tick(point.t, &reading);
+            let given = boards[i].tick(t, &reading);
             targets[i] = given.target;
+            if tick < settling {
+                tallies[i].settle(t, given.fault);
+                continue;
+            }
             let surface = &arms[i].parameters.surface;
             let row = BenchRow {
-                t: point.t,
+                t,
                 reading,
                 sample: given.sample,
                 tip_reference: point.tip.position,

@@ -171,6 +171,12 @@ impl Tally {
         self.fault = self.fault.or(row.fault);
     }
 
+    /// A tick at `t` (s) of the time in which the law settles.
+    pub(super) fn settle(&mut self, t: f64, fault: Option<Fault>) {
+        self.figures.ended_s = t;
+        self.fault = self.fault.or(fault);
+    }
+
     /// The state has become infinite, undefined or absurd: there is nothing more to add.
     pub(super) fn diverge(&mut self) {
         self.diverged = true;
