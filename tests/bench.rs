@@ -136,7 +136,7 @@ fn compared(
     let gauge_set = format!("root_gauge.measures={gauge:?}");
     let all = ROWS.iter().map(|(name, sets)| {
         let sets = [*sets, &[&task, &gauge_set]].concat();
-        let bench = OnBench::new(&example("scenarios/nominal.toml"), &sets);
+        let bench = OnBench::paper(&example("scenarios/nominal.toml"), &sets);
         let runs = bench.runs(1, &[0, 1, 2, 3, 4]);
         let cell = |what: &str| reference[*name][&format!("{gauge}_{column}_{what}")].as_str();
         let number = |what: &str| cell(what).parse().unwrap();
@@ -348,7 +348,7 @@ fn campaigns_fail_as_often_as_the_reference() {
     let documented = documented("| path, gauge |");
     for published in PUBLISHED {
         let file = example("scenarios").join(published.scenario);
-        let bench = OnBench::new(&file, published.sets);
+        let bench = OnBench::paper(&file, published.sets);
         let runs: Vec<RunRecord> = [1, 2]
             .into_iter()
             .flat_map(|seed| bench.runs(seed, &numbers))
@@ -410,7 +410,7 @@ fn a_run_depends_on_its_number_and_on_nothing_beside_it() {
         "drive1.noise_Nm=0.02",
         "plant.elements={choice=[3,4]}",
     ];
-    let bench = OnBench::new(&example("scenarios/bench_fast.toml"), &sets);
+    let bench = OnBench::paper(&example("scenarios/bench_fast.toml"), &sets);
     let numbers: Vec<u64> = (40..61).collect();
     let together = bench.runs(7, &numbers);
     assert_eq!(together.len(), numbers.len());
@@ -451,7 +451,7 @@ fn a_run_depends_on_its_number_and_on_nothing_beside_it() {
 #[test]
 fn a_spread_more_or_less_leaves_the_other_values_as_they_are() {
     let drawn = |sets: &[&str]| {
-        let bench = OnBench::new(&example("scenarios/bench.toml"), sets);
+        let bench = OnBench::paper(&example("scenarios/bench.toml"), sets);
         let keys: Vec<&str> = bench.config.scenario.spread_keys().collect();
         let values = (0..20).map(|run| {
             let drawn = bench.campaign(3).draw(run).unwrap();

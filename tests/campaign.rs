@@ -45,12 +45,25 @@ fn json(output: &Output) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// `flexor campaign` on the bench's scenario with `more` arguments, into `out`.
+/// `flexor campaign` on the bench's scenario with `more` arguments, into `out`; with the gains of the
+/// paper's law, where they name none.
 fn campaign(out: &Path, more: &[&str]) -> Output {
     let (bench, out) = (scenario("bench.toml"), out.display().to_string());
     let mut arguments = vec!["campaign", "--scenario", &bench, "--json", "--out", &out];
     arguments.extend(more);
+    let paper = paper();
+    if !more.contains(&"--controller") {
+        arguments.extend(["--controller", &paper]);
+    }
     flexor(&arguments)
+}
+
+/// The gains of the paper's law, with which arms fail.
+fn paper() -> String {
+    root()
+        .join("examples/controller_paper.toml")
+        .display()
+        .to_string()
 }
 
 /// Asserts that two campaigns have left the same results, byte for byte.
@@ -257,7 +270,14 @@ fn limits_that_do_not_hold_are_an_exit_code() {
     let bench = scenario("bench.toml");
     let file = place.join("strict.toml");
     let write = |limits: &str| {
-        fs::write(&file, format!("base = {bench:?}\n[verdict]\n{limits}\n")).unwrap();
+        fs::write(
+            &file,
+            format!(
+                "base = {bench:?}\ncontroller = {:?}\n[verdict]\n{limits}\n",
+                paper()
+            ),
+        )
+        .unwrap();
         let (file, out) = (
             file.display().to_string(),
             place.join("out").display().to_string(),
@@ -646,7 +666,8 @@ fn what_a_board_would_not_do_is_said() {
     assert!(!text(&run(&[]).stderr).contains("would not be enabled"));
     // Bounces on a hard surface are no completed run, though no failed one of a campaign.
     let hard = scenario("hard_surface.toml");
-    let hard = ["--scenario", &hard, "--set", "root_gauge.measures=slope"];
+    let (hard, slope, law) = (hard, "root_gauge.measures=slope", paper());
+    let hard = ["--scenario", &hard, "--set", slope, "--controller", &law];
     let output = run(&[&hard[..], &["--require-completed"]].concat());
     assert_eq!(output.status.code(), Some(3), "{}", text(&output.stderr));
     let campaign = [

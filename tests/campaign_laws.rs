@@ -19,9 +19,9 @@ fn the_hybrid_law_fails_on_no_arm_of_the_bench() {
         assert!(value("along_error_max_m") < 0.01, "{more:?}");
         value("force_error_rms_N")
     };
-    let hub = example("controller_hybrid.toml");
+    let hub = example("controller_hub.toml");
     assert!(p95(&["--controller", &hub]) < 0.25);
-    let any = example("controller_any_hub.toml");
+    let any = example("controller.toml");
     let bare = ["--set", "plant.root_inertia_kgm2=0.0"];
     assert!(p95(&["--controller", &any]) < 0.27);
     assert!(p95(&[&["--controller", &any][..], &bare].concat()) < 0.27);
@@ -29,7 +29,7 @@ fn the_hybrid_law_fails_on_no_arm_of_the_bench() {
 
 #[test]
 fn what_knows_the_papers_law_alone_says_so() {
-    let (place, law) = (folder("hybrid_refused"), example("controller_any_hub.toml"));
+    let (place, law) = (folder("hybrid_refused"), example("controller.toml"));
     let out = place.join("out").display().to_string();
     for (arguments, words) in [
         (

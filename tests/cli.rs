@@ -9,7 +9,7 @@ use std::process::{Command, Output};
 
 const ARM: &str = include_str!("../examples/arm.toml");
 const TASK: &str = include_str!("../examples/task.toml");
-const CONTROLLER: &str = include_str!("../examples/controller.toml");
+const CONTROLLER: &str = include_str!("../examples/controller_paper.toml");
 const BOARD: &str = include_str!("../boards/stm32f405.toml");
 
 /// A folder of its own for a test, empty at its start.

@@ -64,14 +64,14 @@ pub fn path(name: &str) -> PathBuf {
 
 /// The example's gains, of the paper's law.
 pub fn paper_law() -> PaperParameters {
-    let law = config::parse_controller("example", config::DEFAULT_CONTROLLER)
+    let law = config::parse_controller("example", config::PAPER_CONTROLLER)
         .expect("the example is valid");
     *law.paper().expect("the example is of the paper's law")
 }
 
 /// The hybrid law with the example's gains for any inertia at link 2's root.
 pub fn any_hub_law() -> LawParameters {
-    let text = include_str!("../examples/controller_any_hub.toml");
+    let text = include_str!("../examples/controller.toml");
     config::parse_controller("example", text).expect("the example is valid")
 }
 
@@ -168,6 +168,17 @@ impl OnBench {
             board: BenchBoard::from(&board),
             config,
             plan,
+        }
+    }
+
+    /// The same with the example's gains of the paper's law.
+    ///
+    /// # Panics
+    /// As [`new`](Self::new).
+    pub fn paper(file: &Path, sets: &[&str]) -> Self {
+        Self {
+            law: paper_law().into(),
+            ..Self::new(file, sets)
         }
     }
 

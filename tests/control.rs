@@ -209,8 +209,8 @@ fn an_f32_tick_is_an_f64_tick_but_for_its_rounding() {
             ..options(&plan, mode, 0.9, Start::PlanAtRest)
         };
         let opened = Table::open(&table.image).unwrap();
-        let mut exact =
-            Controller::<f64>::new(&opened, &arm, &options.law, &options.limits).unwrap();
+        let law = options.law.without_settling();
+        let mut exact = Controller::<f64>::new(&opened, &arm, &law, &options.limits).unwrap();
         let mut worst = [0.0_f64; 2];
         let mut simulation = Simulation::<f32>::new(&plan, &table.image, &options).unwrap();
         simulation.run(|step| {

@@ -72,7 +72,7 @@ fn folder(test: &str) -> PathBuf {
         }
     }
     fs::copy(
-        folder.join("examples/controller.toml"),
+        folder.join("examples/controller_paper.toml"),
         folder.join("my_gains.toml"),
     )
     .unwrap();
@@ -135,7 +135,7 @@ fn the_examples_gains_are_what_tuning_finds() {
             .collect()
     };
     let found = values(&fs::read_to_string(folder.join("out/gains/controller.toml")).unwrap());
-    let shipped = values(&read("examples/controller.toml"));
+    let shipped = values(&read("examples/controller_paper.toml"));
     for (key, value) in &found {
         let number = |text: &String| text.parse::<f64>().ok();
         let is = shipped.get(key).unwrap_or_else(|| panic!("no {key}"));

@@ -64,7 +64,7 @@ fn friction_on_a_bare_root_is_integrated_as_finely_as_it_needs() {
     };
     let (plan, table) = planned(&paper_arm(), &task);
     let options = RunOptions {
-        law: config::parse_controller("example", config::DEFAULT_CONTROLLER).unwrap(),
+        law: config::parse_controller("example", config::PAPER_CONTROLLER).unwrap(),
         limits: default_limits(&plan),
         plant: PlantParameters {
             coulomb_friction_nm: [0.0, 0.05],

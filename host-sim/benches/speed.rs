@@ -148,7 +148,7 @@ fn compliant<T: Lanes>(
 fn campaign_2_s<T: Lanes>(bencher: divan::Bencher<'_, '_>) {
     let plan = paper(2.0);
     let image = table_fit::fit_table(&plan).expect("a table").image;
-    let law = config::parse_controller("example", config::DEFAULT_CONTROLLER).expect("valid");
+    let law = config::parse_controller("example", config::PAPER_CONTROLLER).expect("valid");
     let board = config::parse_board("example", config::DEFAULT_BOARD).expect("valid");
     let task = BenchTask {
         plan: &plan,
@@ -169,7 +169,7 @@ fn campaign_2_s<T: Lanes>(bencher: divan::Bencher<'_, '_>) {
 fn run_2_s_in_closed_loop(bencher: divan::Bencher<'_, '_>, elements: usize) {
     let plan = paper(2.0);
     let image = table_fit::fit_table(&plan).expect("a table").image;
-    let law = config::parse_controller("example", config::DEFAULT_CONTROLLER).expect("valid");
+    let law = config::parse_controller("example", config::PAPER_CONTROLLER).expect("valid");
     let options = RunOptions {
         law,
         limits: default_limits(&plan),
@@ -196,7 +196,7 @@ fn linearise_at_a_point(bencher: divan::Bencher<'_, '_>) {
 #[divan::bench]
 fn report_stability_over_50_points_and_27_plants(bencher: divan::Bencher<'_, '_>) {
     let plan = paper(2.0);
-    let law = config::parse_controller("example", config::DEFAULT_CONTROLLER).expect("valid");
+    let law = config::parse_controller("example", config::PAPER_CONTROLLER).expect("valid");
     let spread = config::parse_spread("example", config::DEFAULT_SPREAD).expect("valid");
     let plant = cases::plant(3, 1.0);
     let law = law.paper().expect("the example is the paper's law");

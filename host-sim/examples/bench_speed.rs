@@ -4,7 +4,7 @@
 
 use flexor_sim::campaign::setup::BenchSetup;
 use flexor_sim::files::config::{
-    DEFAULT_ARM, DEFAULT_BOARD, DEFAULT_CONTROLLER, DEFAULT_TASK, parse_arm, parse_board,
+    DEFAULT_ARM, DEFAULT_BOARD, DEFAULT_TASK, PAPER_CONTROLLER, parse_arm, parse_board,
     parse_controller, parse_task,
 };
 use flexor_sim::planner::limits::default_limits;
@@ -27,7 +27,7 @@ type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 fn main() -> Result<()> {
     let arm = parse_arm("arm.toml", DEFAULT_ARM)?.arm;
     let task = parse_task("task.toml", DEFAULT_TASK)?;
-    let law = parse_controller("controller.toml", DEFAULT_CONTROLLER)?;
+    let law = parse_controller("controller.toml", PAPER_CONTROLLER)?;
     let plan = plan(&arm, &task, &PlanOptions::default())?;
     let image = fit_table(&plan)?.image;
     let board = BenchBoard::from(&parse_board("board.toml", DEFAULT_BOARD)?.parameters);

@@ -2,7 +2,7 @@
 //! `cargo run --release --example plan_and_run`.
 
 use flexor::control::LawParameters;
-use flexor_sim::files::config::{DEFAULT_ARM, DEFAULT_CONTROLLER, parse_arm, parse_controller};
+use flexor_sim::files::config::{DEFAULT_ARM, PAPER_CONTROLLER, parse_arm, parse_controller};
 use flexor_sim::planner::limits::default_limits;
 use flexor_sim::planner::path::{LinePath, Profile};
 use flexor_sim::planner::plan::{PlanOptions, plan};
@@ -45,7 +45,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
 
     // 5. The firmware's controller on this arm, without feedback and with it.
-    let tuned = parse_controller("controller.toml", DEFAULT_CONTROLLER)?;
+    let tuned = parse_controller("controller.toml", PAPER_CONTROLLER)?;
     for (name, law) in [
         ("feedforward alone", LawParameters::FEEDFORWARD),
         ("with feedback", tuned),

@@ -17,7 +17,7 @@ use std::path::PathBuf;
 pub(super) struct AccuracyArgs {
     #[command(flatten)]
     common: Common,
-    /// Gains; without it those of examples/controller.toml
+    /// Gains; without it those of examples/controller_paper.toml
     #[arg(long, value_name = "FILE")]
     controller: Option<PathBuf>,
     /// Folder for the results; made if it is not there
@@ -31,7 +31,10 @@ pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
     let inputs = inputs.into_iter().chain([args.controller.as_deref()]);
     let output = Output::open(&args.out, inputs)?;
     let (arm, task) = args.common.load()?;
-    let law = controller(args.controller.as_deref())?;
+    let law = controller(
+        args.controller.as_deref(),
+        crate::files::config::PAPER_CONTROLLER,
+    )?;
     let planned = args.common.plan(&arm, &task)?;
     // The demo's soft plant, started as planned: the feedback has work to do.
     let options = RunOptions {

@@ -54,6 +54,7 @@ impl ScenarioArgs {
         &self,
         asked: &Common,
         asked_gains: Option<&Path>,
+        default_gains: &'static str,
     ) -> Result<Bench, CliError> {
         let config = config::load_scenario(self.scenario.as_deref(), &self.set)?;
         let mut common = asked.clone();
@@ -68,7 +69,7 @@ impl ScenarioArgs {
         }
         let gains = asked_gains.or(config.controller.as_deref());
         let (arm, task) = common.load()?;
-        let law = controller(gains)?;
+        let law = controller(gains, default_gains)?;
         let planned = common.plan(&arm, &task)?;
         self.check_faults(&config, &planned.plan)?;
         let (board, note) = board_for(&common, &planned.plan)?;
@@ -99,7 +100,7 @@ impl ScenarioArgs {
         ] {
             inputs.push(input(option, said.as_deref(), text(file, default)?));
         }
-        let law_text = text(gains, config::DEFAULT_CONTROLLER)?;
+        let law_text = text(gains, default_gains)?;
         inputs.push(input("controller", asked_gains, law_text));
         inputs.extend(self.values(asked, planned.plan.tick_rate_hz));
         Ok(Bench {

@@ -130,9 +130,11 @@ fn only(args: &CampaignArgs, number: u64) -> Result<(), CliError> {
         });
     }
     let output = Output::open(&args.out, args.inputs())?;
-    let bench = args
-        .scenario
-        .prepare(&args.common, args.controller.as_deref())?;
+    let bench = args.scenario.prepare(
+        &args.common,
+        args.controller.as_deref(),
+        config::DEFAULT_CONTROLLER,
+    )?;
     let campaign = Campaign {
         task: bench.task(),
         scenario: &bench.config.scenario,
@@ -153,9 +155,11 @@ fn only(args: &CampaignArgs, number: u64) -> Result<(), CliError> {
 
 fn runs(args: &CampaignArgs) -> Result<(), CliError> {
     let output = Output::open(&args.out, args.inputs())?;
-    let bench = args
-        .scenario
-        .prepare(&args.common, args.controller.as_deref())?;
+    let bench = args.scenario.prepare(
+        &args.common,
+        args.controller.as_deref(),
+        config::DEFAULT_CONTROLLER,
+    )?;
     let identity = args.identity(&bench);
     let ticks = match args.write {
         WriteArg::Summary => None,

@@ -20,7 +20,7 @@ use std::time::Instant;
 pub(super) struct DemoArgs {
     #[command(flatten)]
     common: Common,
-    /// Gains; without it those of examples/controller.toml
+    /// Gains; without it those of examples/controller_paper.toml
     #[arg(long, value_name = "FILE")]
     controller: Option<PathBuf>,
     /// Folder for the results; made if it is not there

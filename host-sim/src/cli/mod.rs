@@ -76,7 +76,7 @@ enum Command {
     Campaign(Box<campaign::CampaignArgs>),
     /// Says whether gains are stable over the whole motion, and with what margin.
     #[command(
-        after_help = "Example: flexor gains --controller examples/controller.toml --out out/gains\n\nWrites report.html, figures and summary.json. `flexor gains tune` finds gains."
+        after_help = "Example: flexor gains --controller examples/controller_paper.toml --out out/gains\n\nWrites report.html, figures and summary.json. `flexor gains tune` finds gains."
     )]
     Gains(Box<gains::GainsArgs>),
     /// Compares the controller's number types with f64.
@@ -197,18 +197,14 @@ impl Common {
 
 /// As [`controller`], for `command`, which knows the paper's law alone.
 fn paper_law(command: &'static str, file: Option<&Path>) -> Result<PaperParameters, CliError> {
-    let law = controller(file)?;
+    let law = controller(file, config::PAPER_CONTROLLER)?;
     law.paper().copied().ok_or(CliError::PaperLawOnly {
         command,
         law: law.name(),
     })
 }
 
-/// Gains and options of the law: the file's, or without one those of the examples.
-fn controller(file: Option<&Path>) -> Result<LawParameters, CliError> {
-    Ok(config::load(
-        file,
-        config::DEFAULT_CONTROLLER,
-        config::parse_controller,
-    )?)
+/// Gains and options of the law: the file's, or without one those of the example `default`.
+fn controller(file: Option<&Path>, default: &str) -> Result<LawParameters, CliError> {
+    Ok(config::load(file, default, config::parse_controller)?)
 }

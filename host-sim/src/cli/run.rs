@@ -29,7 +29,8 @@ use std::time::Instant;
 pub(super) struct SimulationArgs {
     #[command(flatten)]
     pub(super) common: Common,
-    /// Gains; without it those of examples/controller.toml
+    /// Gains; without it those of examples/controller.toml, and in the paper's world, with --ideal or
+    /// `pil`, those of examples/controller_paper.toml
     #[arg(long, value_name = "FILE")]
     controller: Option<PathBuf>,
     /// Which part of the law acts: both, or one; without it as the controller file's
@@ -214,9 +215,11 @@ fn run_on_bench(args: &RunArgs) -> Result<(), CliError> {
             beside: "beside --scenario or --set, whose plant section says how the arm differs: leave one of them out",
         });
     }
-    let mut bench = args
-        .scenario
-        .prepare(&simulation.common, simulation.controller.as_deref())?;
+    let mut bench = args.scenario.prepare(
+        &simulation.common,
+        simulation.controller.as_deref(),
+        simulation.default_controller(),
+    )?;
     simulation.check_mode(&bench.law)?;
     bench.law = simulation.mode(&bench.law).of(&bench.law);
     let plan = &bench.planned.plan;
@@ -331,7 +334,7 @@ impl SimulationArgs {
     pub(super) fn prepare(&self) -> Result<Simulation, CliError> {
         self.check_gains()?;
         let (arm, task) = self.common.load()?;
-        let law = controller(self.controller.as_deref())?;
+        let law = controller(self.controller.as_deref(), config::PAPER_CONTROLLER)?;
         self.check_mode(&law)?;
         let (mut plant, mut start) = config::load(self.plant.as_deref(), "", config::parse_plant)?;
         self.adjust(&mut plant, &mut start)?;
@@ -362,6 +365,15 @@ impl SimulationArgs {
                 beside: "with law = \"hybrid\", which needs the planned torques: proposed and feedforward are accepted",
             }),
             _ => Ok(()),
+        }
+    }
+
+    /// The controller on the bench where no file names one.
+    fn default_controller(&self) -> &'static str {
+        match self.mode {
+            // Which the hybrid law has not.
+            Some(ModeArg::Feedback) => config::PAPER_CONTROLLER,
+            _ => config::DEFAULT_CONTROLLER,
         }
     }
 

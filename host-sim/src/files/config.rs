@@ -40,8 +40,12 @@ pub use task::parse_task;
 pub const DEFAULT_ARM: &str = include_str!("../../../examples/arm.toml");
 /// The task that is used when no file is given: the paper's, `examples/task.toml`.
 pub const DEFAULT_TASK: &str = include_str!("../../../examples/task.toml");
-/// The controller that is used when no file is given: `examples/controller.toml`.
+/// The controller that is used when no file is given, of the hybrid law:
+/// `examples/controller.toml`.
 pub const DEFAULT_CONTROLLER: &str = include_str!("../../../examples/controller.toml");
+/// The controller of the paper's law, which is used when no file is given where the paper's figures
+/// are made: `examples/controller_paper.toml`.
+pub const PAPER_CONTROLLER: &str = include_str!("../../../examples/controller_paper.toml");
 /// The board that is used when no file is given: `boards/stm32f405.toml`.
 pub const DEFAULT_BOARD: &str = include_str!("../../../boards/stm32f405.toml");
 /// The plants that gains are examined with when no file is given: `examples/spread.toml`.
@@ -309,7 +313,7 @@ mod tests {
         let task = parse_task("task", DEFAULT_TASK).unwrap();
         assert_eq!((task.path.from, task.path.to), ([0.7, 0.05], [0.2, 0.05]));
         assert_eq!((task.path.duration, task.normal_force), (2.0, 2.0));
-        let law = parse_controller("controller", DEFAULT_CONTROLLER).unwrap();
+        let law = parse_controller("controller", PAPER_CONTROLLER).unwrap();
         assert_eq!(law.name(), "paper");
         let spread = parse_spread("spread", DEFAULT_SPREAD).unwrap();
         assert_eq!(spread.bending_stiffness_scale, [0.8, 1.0, 1.2]);
@@ -458,13 +462,13 @@ mod tests {
 
     #[test]
     fn a_derivative_gain_has_a_filter() {
-        let text = DEFAULT_CONTROLLER.replacen("K_DF_s = 0.0", "K_DF_s = 0.01", 1);
+        let text = PAPER_CONTROLLER.replacen("K_DF_s = 0.0", "K_DF_s = 0.01", 1);
         let law = parse_controller("controller.toml", &text).unwrap();
         assert_eq!(
             law.paper().unwrap().force_filter_hz,
             Some(DERIVATIVE_FILTER_HZ)
         );
-        let law = parse_controller("controller.toml", DEFAULT_CONTROLLER).unwrap();
+        let law = parse_controller("controller.toml", PAPER_CONTROLLER).unwrap();
         assert_eq!(law.paper().unwrap().force_filter_hz, None);
     }
 }

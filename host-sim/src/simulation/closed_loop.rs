@@ -206,7 +206,7 @@ pub struct Step<T> {
 /// A controller, of number type `T`, and a plant in lock-step along a plan.
 ///
 /// ```
-/// use flexor_sim::files::config::{self, DEFAULT_ARM, DEFAULT_CONTROLLER, DEFAULT_TASK};
+/// use flexor_sim::files::config::{self, DEFAULT_ARM, PAPER_CONTROLLER, DEFAULT_TASK};
 /// use flexor_sim::planner::{limits::default_limits, plan, table_fit};
 /// use flexor_sim::simulation::{cases, closed_loop::{RunOptions, Simulation}, start::Start};
 ///
@@ -215,7 +215,7 @@ pub struct Step<T> {
 /// let plan = plan::plan(&arm, &task, &plan::PlanOptions::default())?;
 /// let image = table_fit::fit_table(&plan)?.image;
 /// let options = RunOptions {
-///     law: config::parse_controller("controller.toml", DEFAULT_CONTROLLER)?,
+///     law: config::parse_controller("controller.toml", PAPER_CONTROLLER)?,
 ///     limits: default_limits(&plan),
 ///     plant: cases::plant(3, 1.0),
 ///     start: Start::PlanAtRest,

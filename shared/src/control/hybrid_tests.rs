@@ -92,7 +92,7 @@ fn the_first_tick_knows_no_rates() {
         &mut HybridState::default(),
         &measured([0.01, 0.1], 2.0, 0.3),
     );
-    let place = 800.0 * 0.01 + 1700.0 * T * 0.01;
+    let place = 800.0 * 0.01 + 2500.0 * T * 0.01;
     near(demand.torque[0], -3.0 - place, 1e-9);
     let want = 0.3 - 2.25 * 0.1;
     near(demand.torque[1], want + 91.0 * T * (want - 0.3), 1e-9);
@@ -104,7 +104,7 @@ fn joint_1_answers_a_step_and_a_ramp_by_closed_forms() {
     let mut state = HybridState::default();
     for k in 1..=2000 {
         let demand = update(&law, &mut state, &measured([1e-3, 0.0], 2.0, 0.3));
-        let integral = 1700.0 * T * 1e-3 * f64::from(k);
+        let integral = 2500.0 * T * 1e-3 * f64::from(k);
         near(demand.torque[0], -3.0 - 0.8 - integral, 1e-9);
     }
     // The rate passes 1 - (1 - a)^k of itself.
@@ -115,7 +115,7 @@ fn joint_1_answers_a_step_and_a_ramp_by_closed_forms() {
         let error = rate * T * f64::from(k);
         let demand = update(&law, &mut state, &measured([error, 0.0], 2.0, 0.3));
         let seen = rate * (1.0 - libm::pow(1.0 - a, f64::from(k)));
-        let integral = 1700.0 * T * T * rate * f64::from(k * (k + 1) / 2);
+        let integral = 2500.0 * T * T * rate * f64::from(k * (k + 1) / 2);
         near(
             demand.torque[0],
             -3.0 - 800.0 * error - integral - 60.0 * seen,

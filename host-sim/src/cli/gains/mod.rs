@@ -51,7 +51,7 @@ enum GainsCommand {
 struct PlantArgs {
     #[command(flatten)]
     common: Common,
-    /// Gains, and options of the law; without it those of examples/controller.toml
+    /// Gains, and options of the law; without it those of examples/controller_paper.toml
     #[arg(long, value_name = "FILE")]
     controller: Option<PathBuf>,
     /// The plant in the middle; without it the planned arm [examples/plant_soft.toml]

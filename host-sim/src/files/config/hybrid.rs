@@ -81,9 +81,15 @@ pub(super) fn parse_hybrid(file: &str, text: &str) -> Result<HybridParameters, C
     })
 }
 
-/// The keys with their values, and what each is.
-fn lines(law: &HybridParameters) -> [(&'static str, String, &'static str); 14] {
-    let pair = |[first, second]: [f64; 2]| format!("[{}, {}]", number(first), number(second));
+/// A key, its value, and what it is.
+type Line = (&'static str, String, &'static str);
+
+fn pair([first, second]: [f64; 2]) -> String {
+    format!("[{}, {}]", number(first), number(second))
+}
+
+/// The law, and what concerns the joints.
+fn joint_lines(law: &HybridParameters) -> [Line; 6] {
     [
         (
             "law",
@@ -115,6 +121,12 @@ fn lines(law: &HybridParameters) -> [(&'static str, String, &'static str); 14] {
             number(law.joint1_integral_limit_nm),
             "largest torque of it",
         ),
+    ]
+}
+
+/// What concerns the force, and the start.
+fn force_lines(law: &HybridParameters) -> [Line; 8] {
+    [
         (
             "force_integral_per_s",
             number(law.force_integral_per_s),
@@ -164,6 +176,7 @@ pub(super) fn hybrid_toml(law: &HybridParameters, how: &[String]) -> String {
         String::from("# Gains of the hybrid law; docs/control.md says what each does.\n");
     text.extend(how.iter().map(|line| format!("# {line}\n")));
     text.push('\n');
-    text.extend(lines(law).map(|(key, value, what)| line(&format!("{key} = {value}"), what)));
+    let lines = joint_lines(law).into_iter().chain(force_lines(law));
+    text.extend(lines.map(|(key, value, what)| line(&format!("{key} = {value}"), what)));
     text
 }
