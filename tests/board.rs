@@ -508,7 +508,7 @@ fn silence_and_other_speech_are_told_apart() {
     old.push(0);
     let old = Fake::raw(move |_| old.clone());
     let output = old.start(&["status"]).wait_with_output().unwrap();
-    failed(&output, &["no answer", "another protocol version than 3"]);
+    failed(&output, &["no answer", "another protocol version than 4"]);
 }
 
 #[test]

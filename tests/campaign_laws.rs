@@ -28,6 +28,53 @@ fn the_hybrid_law_fails_on_no_arm_of_the_bench() {
 }
 
 #[test]
+fn from_above_the_surface_every_arm_finds_it_and_every_stop_is_short() {
+    let place = folder("campaign_motion");
+    let run = |scenario: &str, gains: &str| {
+        let file = example(&format!("scenarios/{scenario}"));
+        let out = place.join(scenario).join(gains).display().to_string();
+        let gains = example(gains);
+        let result = json(&flexor(&[
+            "campaign",
+            "--scenario",
+            &file,
+            "--controller",
+            &gains,
+            "--runs",
+            "40",
+            "--seed",
+            "5",
+            "--json",
+            "--out",
+            &out,
+        ]));
+        assert_eq!(result["failed"], 0, "{scenario} {gains}");
+        result
+    };
+    for (gains, impact_n) in [("controller_hub.toml", 1.2), ("controller.toml", 2.4)] {
+        let result = run("approach.toml", gains);
+        let figure = |key: &str, of: &str| result[key][of].as_f64().unwrap();
+        assert!(figure("approach_force_max_N", "p95") < impact_n, "{gains}");
+        assert!(figure("touched_s", "median") < 2.0, "{gains}");
+        // The path's errors have nothing of the approach.
+        assert!(figure("force_error_rms_N", "p95") < 0.27, "{gains}");
+        // At the end the tip is taken off, not dropped.
+        assert!(figure("after_force_max_N", "max") < 2.5, "{gains}");
+
+        let result = run("stop.toml", gains);
+        let figure = |key: &str, of: &str| result[key][of].as_f64().unwrap();
+        let (way, force) = (
+            figure("after_way_m", "max"),
+            figure("after_force_max_N", "max"),
+        );
+        // 0.7 m/s to nothing in 0.15 s are 51 mm.
+        assert!(way > 0.04 && way < 0.065, "{gains}: {way}");
+        assert!(force < 2.5, "{gains}: {force}");
+        assert!(figure("after_speed_m_s", "max") < 0.015, "{gains}");
+    }
+}
+
+#[test]
 fn what_knows_the_papers_law_alone_says_so() {
     let (place, law) = (folder("hybrid_refused"), example("controller.toml"));
     let out = place.join("out").display().to_string();

@@ -296,6 +296,9 @@ const FAULTS: &[(&str, f64, &str, Today)] = &[
     // It shows in the next tick.
     ("tick_overrun", 0.0, "47", Ends(Fault::TickOverrun, 1)),
     // 100 ms from the last request, which came in the tick before.
+    // Wishes, which the paper's law does not know.
+    ("retract", 0.0, "-", Unnoticed),
+    ("pause", 0.0, "-", Unnoticed),
     ("link_lost", 0.0, "70", Ends(Fault::LinkTimeout, 499)),
 ];
 

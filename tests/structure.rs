@@ -135,9 +135,13 @@ fn the_shared_crate_imports_one_way() {
             ("number", &[]),
             ("signals", &["number"]),
             ("fault", &[]),
+            ("phase", &[]),
             ("model", &["number"]),
             ("table", &["number", "signals", "model"]),
-            ("control", &["number", "signals", "fault", "model", "table"]),
+            (
+                "control",
+                &["number", "signals", "fault", "phase", "model", "table"],
+            ),
             ("link", &["signals", "fault", "model", "table"]),
             (
                 "supervisor",

@@ -26,11 +26,17 @@ pub enum Fault {
     LinkTimeout = 20,
     /// A converter is at its rail: a wire is broken, or more is measured than its range.
     SensorRange = 21,
+    /// An approach found no surface, or could not stay on it.
+    NoContact = 32,
+    /// The force on the surface did not come near the plan's before the table.
+    ForceNotReached = 33,
+    /// Contact was lost for too long.
+    ContactNotRegained = 34,
 }
 
 impl Fault {
     /// Every fault.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 11] = [
         Self::MeasurementNotFinite,
         Self::TorqueNotFinite,
         Self::EmergencyStop,
@@ -39,6 +45,9 @@ impl Fault {
         Self::TickOverrun,
         Self::LinkTimeout,
         Self::SensorRange,
+        Self::NoContact,
+        Self::ForceNotReached,
+        Self::ContactNotRegained,
     ];
 
     /// Stable number; 0 is left for "none".
@@ -57,6 +66,9 @@ impl Fault {
             Self::TickOverrun => "tick_overrun",
             Self::LinkTimeout => "link_timeout",
             Self::SensorRange => "sensor_range",
+            Self::NoContact => "no_contact",
+            Self::ForceNotReached => "force_not_reached",
+            Self::ContactNotRegained => "contact_not_regained",
         }
     }
 }

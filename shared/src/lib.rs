@@ -34,6 +34,7 @@ pub mod fault;
 pub mod link;
 pub mod model;
 pub mod number;
+pub mod phase;
 pub mod signals;
 pub mod supervisor;
 pub mod table;

@@ -36,7 +36,7 @@ fn cargo(verb: &str, files: &Files) -> Result<Command> {
         plan.task_fingerprint(),
         table.image.len()
     ));
-    let mut buffer = [0; 256];
+    let mut buffer = [0; 512];
     let setup = Setup::from(&setup);
     let setup = setup.encode(&mut buffer)?;
     let mut command = toolchain.command("cargo");

@@ -280,7 +280,7 @@ fn short_between(low: f64, high: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::campaign::record::{RunFigures, RunOutcome};
+    use crate::campaign::record::{FIGURES, RunFigures, RunOutcome};
     use proptest::prelude::*;
 
     /// Runs with these drawn values, of which some fail and have no force error.
@@ -290,7 +290,7 @@ mod tests {
                 true => RunOutcome::Diverged,
                 false => RunOutcome::Completed,
             };
-            let mut values = [0.0; 10];
+            let mut values = [0.0; FIGURES];
             values[0] = if failed { f64::NAN } else { force };
             RunRecord {
                 run,

@@ -537,6 +537,15 @@ const ROOT_GAUGE: [Key; 6] = of_sensor!(
     "rad"
 );
 
+const COURSE: [Key; 2] = [
+    from("course.gap_m", 0.0, 1.0, "a distance in m", |s, x| {
+        s.course.gap_m = Some(x);
+    }),
+    from("course.after_s", 0.0, 60.0, "a time in s", |s, x| {
+        s.course.after_s = x;
+    }),
+];
+
 /// All of them, section by section.
 pub const KEYS: &[&[Key]] = &[
     &ARM,
@@ -546,4 +555,5 @@ pub const KEYS: &[&[Key]] = &[
     &ENCODERS,
     &FORCE_CELL,
     &ROOT_GAUGE,
+    &COURSE,
 ];

@@ -162,7 +162,7 @@ fn gaps(numbers: impl Iterator<Item = u64>, end: u64) -> Vec<[u64; 2]> {
 mod tests {
     use super::*;
     use crate::campaign::identity::CampaignInput;
-    use crate::campaign::record::{RunFigures, RunOutcome, RunRecord};
+    use crate::campaign::record::{FIGURES, RunFigures, RunOutcome, RunRecord};
     use proptest::prelude::*;
 
     fn whole(runs: u64) -> ShardResults {
@@ -170,7 +170,7 @@ mod tests {
             run,
             seed: run * run,
             drawn: vec![run as f64],
-            figures: RunFigures::from_columns(RunOutcome::Completed, [run as f64; 10], 0),
+            figures: RunFigures::from_columns(RunOutcome::Completed, [run as f64; FIGURES], 0),
         };
         ShardResults {
             name: "whole".into(),

@@ -1,6 +1,6 @@
 //! What a campaign keeps of a run: the drawn values, how the run ended, and its figures.
 
-pub use crate::simulation::bench::{Figure, RunFigures};
+pub use crate::simulation::bench::{FIGURES, Figure, RunFigures};
 pub use crate::simulation::closed_loop::Outcome as RunOutcome;
 
 /// A run of a campaign.

@@ -3,7 +3,7 @@
 use crate::planner::plan::Plan;
 use crate::plant::PlantParameters;
 use crate::plant::bench::{CompliantParameters, GearPlay, SensorParameters, SurfaceProfile};
-use crate::simulation::bench::{BenchArm, BenchError, TimedFault};
+use crate::simulation::bench::{BenchArm, BenchError, Course, TimedFault};
 use flexor::model::ArmParameters;
 
 /// An arm with everything around it, in values.
@@ -24,6 +24,8 @@ pub struct BenchSetup {
     pub gear_play: [GearPlay; 2],
     /// The sensors. Slope a moment and normal are the arm's and the plan's, whatever they say.
     pub sensors: SensorParameters,
+    /// How much of a run there is besides the table.
+    pub course: Course,
     /// What goes wrong, and when.
     pub faults: Vec<TimedFault>,
 }
@@ -56,6 +58,7 @@ impl Default for BenchSetup {
             tilt_about_m: None,
             gear_play: [FLANKS; 2],
             sensors,
+            course: Course::default(),
             faults: vec![],
         }
     }
@@ -107,7 +110,14 @@ impl BenchSetup {
         let mut sensors = self.sensors;
         sensors.slope_per_moment = 1.0 / arm.moment_per_root_slope();
         sensors.normal = plan.surface.normal;
-        let mut on_bench = BenchArm::new(plan, &arm, self.plant.elements, parameters, sensors)?;
+        let mut on_bench = BenchArm::new(
+            plan,
+            &arm,
+            self.plant.elements,
+            parameters,
+            sensors,
+            self.course,
+        )?;
         on_bench.faults.clone_from(&self.faults);
         on_bench.seed = seed;
         Ok(on_bench)

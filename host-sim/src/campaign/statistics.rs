@@ -1,6 +1,6 @@
 //! What a campaign's runs say together: how many fail, and how well the others do.
 
-use super::record::{CampaignRecords, RunFigures, RunOutcome};
+use super::record::{CampaignRecords, FIGURES, RunFigures, RunOutcome};
 use serde::Serialize;
 
 /// Fewest successful runs whose 95th percentile may be judged: with fewer, less than one run lies
@@ -104,7 +104,7 @@ pub struct Statistics {
     pub contact_lost_or_failed: u64,
     /// The figures of the runs that did not fail, in the order of [`RunFigures::COLUMNS`];
     /// `None` where all failed.
-    pub figures: Option<[Quantiles; 10]>,
+    pub figures: Option<[Quantiles; FIGURES]>,
 }
 
 impl Statistics {
@@ -171,7 +171,7 @@ mod tests {
     /// Runs of these outcomes, force errors (N) and times without contact (s).
     fn records(runs: &[(RunOutcome, f64, f64)]) -> CampaignRecords {
         let runs = (0..).zip(runs).map(|(run, (outcome, force, lost))| {
-            let mut values = [0.5; 10];
+            let mut values = [0.5; FIGURES];
             (values[0], values[4]) = (*force, *lost);
             RunRecord {
                 run,

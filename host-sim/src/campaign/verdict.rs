@@ -110,7 +110,7 @@ fn found(key: &str, s: &Statistics) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::campaign::record::{CampaignRecords, RunFigures, RunOutcome, RunRecord};
+    use crate::campaign::record::{CampaignRecords, FIGURES, RunFigures, RunOutcome, RunRecord};
 
     /// `succeeded` runs whose figures are all their number, from 1, and `failed` others.
     fn statistics(succeeded: u64, failed: u64) -> Statistics {
@@ -123,7 +123,7 @@ mod tests {
                 run,
                 seed: 0,
                 drawn: vec![],
-                figures: RunFigures::from_columns(outcome, [(run + 1) as f64; 10], 0),
+                figures: RunFigures::from_columns(outcome, [(run + 1) as f64; FIGURES], 0),
             }
         });
         Statistics::new(&CampaignRecords {

@@ -91,6 +91,7 @@ fn write(records: &CampaignRecords, writer: impl Write + Send) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::campaign::record::FIGURES;
     use crate::campaign::record::RunOutcome;
     use parquet::file::reader::{FileReader, SerializedFileReader};
     use parquet::record::Field;
@@ -146,7 +147,10 @@ mod tests {
             for ((_, value), (_, field)) in RunFigures::COLUMNS.iter().zip(&cells[6..]) {
                 assert!(double(value(&record.figures), field), "{field}");
             }
-            assert_eq!(cells[16].1, &Field::UInt(record.figures.limited_ticks));
+            assert_eq!(
+                cells[6 + FIGURES].1,
+                &Field::UInt(record.figures.limited_ticks)
+            );
         }
         assert_eq!(count, 3);
     }

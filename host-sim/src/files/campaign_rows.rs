@@ -326,6 +326,7 @@ impl Row<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::campaign::record::FIGURES;
     use flexor::fault::Fault;
     use proptest::prelude::*;
 
@@ -351,7 +352,7 @@ mod tests {
             run,
             seed: u64::MAX - run,
             drawn: vec![value, -1.0 / value],
-            figures: RunFigures::from_columns(outcome, [value; 10], 3),
+            figures: RunFigures::from_columns(outcome, [value; FIGURES], 3),
         };
         CampaignRecords {
             parameters: vec!["arm.\"a, b\"".into(), "contact.stiffness_N_m".into()],
@@ -366,7 +367,7 @@ mod tests {
     proptest! {
         #[test]
         fn runs_come_back_bit_by_bit(
-            runs in prop::collection::vec((any::<u64>(), any::<[f64; 10]>(), 0..4_usize), 0..20),
+            runs in prop::collection::vec((any::<u64>(), any::<[f64; FIGURES]>(), 0..4_usize), 0..20),
         ) {
             let outcomes = [
                 RunOutcome::Completed,
@@ -405,7 +406,8 @@ mod tests {
             "run,seed,\"arm.\"\"a, b\"\"\",contact.stiffness_N_m,outcome,failed,\
              force_error_rms_N,force_error_max_N,along_error_rms_m,along_error_max_m,\
              contact_lost_s,contact_lost_longest_s,force_max_N,torque1_max_Nm,torque2_max_Nm,\
-             ended_s,limited_ticks"
+             ended_s,approach_force_max_N,touched_s,begun_s,before_losses,after_force_max_N,\
+             after_way_m,after_speed_m_s,limited_ticks"
         );
         assert_eq!(
             lines[1],
@@ -458,7 +460,7 @@ mod tests {
         );
         assert_eq!(
             refused("completed,", ""),
-            "out/runs.csv: line 2 has 16 columns; accepted: 17, as line 1 has"
+            "out/runs.csv: line 2 has 23 columns; accepted: 24, as line 1 has"
         );
         assert_eq!(
             refused("force_max_N", "force_max"),

@@ -89,6 +89,7 @@ fn split_json(split: &Split, parameters: &[String]) -> Map<String, Value> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::campaign::record::FIGURES;
     use crate::campaign::record::{CampaignRecords, RunOutcome, RunRecord};
     use crate::campaign::verdict::Limits;
 
@@ -104,7 +105,7 @@ mod tests {
                 run: run.into(),
                 seed: 0,
                 drawn: vec![f64::from(run * 17 % 40), f64::from(run)],
-                figures: RunFigures::from_columns(outcome, [f64::from(run); 10], 0),
+                figures: RunFigures::from_columns(outcome, [f64::from(run); FIGURES], 0),
             }
         });
         let records = CampaignRecords {

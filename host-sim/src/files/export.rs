@@ -95,7 +95,7 @@ const RUN_COLUMNS: [&str; 16] = [
 
 /// Columns that runs on the bench have besides.
 #[cfg(feature = "bench")]
-const BENCH_COLUMNS: [&str; 11] = [
+const BENCH_COLUMNS: [&str; 12] = [
     "f_friction_N",
     "root_moment_Nm",
     "motor1_rad",
@@ -107,6 +107,7 @@ const BENCH_COLUMNS: [&str; 11] = [
     "force_count",
     "strain_count",
     "fault",
+    "phase",
 ];
 
 /// The values of [`RUN_COLUMNS`].
@@ -178,6 +179,7 @@ pub(super) fn bench_values(row: &BenchRow) -> [f64; RUN_COLUMNS.len() + BENCH_CO
         f64::from(raw.force),
         f64::from(raw.strain),
         f64::from(row.fault.map_or(0, Fault::number)),
+        f64::from(row.phase.number()),
     ];
     let common = run_values(&LogRow::from(row));
     core::array::from_fn(|i| match i.checked_sub(common.len()) {

@@ -162,6 +162,14 @@ pub(crate) mod testing {
                 } else {
                     2.0
                 },
+                // Of runs that start pressing and end with the table.
+                0.0,
+                0.0,
+                2.0,
+                0.0,
+                2.0,
+                0.0,
+                0.0,
             ];
             RunRecord {
                 run,

@@ -62,6 +62,8 @@ pub enum Outcome {
     /// To the end, but the contact force was farther off its reference than a limit that was
     /// given.
     ForceOff,
+    /// The table did not begin in the time that the bench allows.
+    NotBegun,
     /// The state became infinite or undefined, or the tip left the arm's reach; the
     /// run stopped there.
     Diverged,
@@ -72,11 +74,12 @@ pub enum Outcome {
 
 impl Outcome {
     /// The outcomes that are no fault.
-    const OWN: [Self; 5] = [
+    const OWN: [Self; 6] = [
         Self::Completed,
         Self::ContactLost,
         Self::TipOffPath,
         Self::ForceOff,
+        Self::NotBegun,
         Self::Diverged,
     ];
 
@@ -100,6 +103,7 @@ impl Outcome {
             Self::ContactLost => "contact_lost",
             Self::TipOffPath => "tip_off_path",
             Self::ForceOff => "force_off",
+            Self::NotBegun => "not_begun",
             Self::Diverged => "diverged",
             Self::Fault(fault) => fault.name(),
         }

@@ -4,8 +4,8 @@
 //! and returns what the drives get until the next tick. Firmware and simulator call
 //! this very function. It allocates nothing, calls no libm function, and always returns finite torques within the limits.
 //!
-//! A law that settles first (see the hybrid law) is given the table's first tick for so long; the
-//! time of the table stands still meanwhile.
+//! The hybrid law has a motion around it ([`crate::control::motion`]), which finds the surface before
+//! the table begins and leaves it afterwards; the paper's law follows the table from the first tick.
 //!
 //! A [`Fault`] is latched: from then on the torques are zero until
 //! [`Controller::restart`].
@@ -14,10 +14,12 @@ use crate::control::feedback::FeedbackLaw;
 use crate::control::hybrid::{HybridLaw, HybridState};
 use crate::control::law::{Law, LawParameters};
 use crate::control::limiter::{LimitParameters, TorqueLimiter};
+use crate::control::motion::{Motion, Reading};
 use crate::control::paper::{PaperLaw, PaperState};
 use crate::fault::Fault;
 use crate::model::ArmParameters;
 use crate::number::{SiScalar, TableScalar};
+use crate::phase::Phase;
 use crate::signals::{Formats, Measurement, Saturation, SaturationCounts};
 use crate::table::{Cursor, Table, TableError};
 use core::fmt;
@@ -32,6 +34,8 @@ pub struct Command<T> {
     pub tick: u32,
     /// How each joint's torque was limited in this tick.
     pub saturation: [Saturation; 2],
+    /// Where the run is.
+    pub phase: Phase,
     /// The latched fault, if any; the torques are then zero.
     pub fault: Option<Fault>,
 }
@@ -122,15 +126,17 @@ impl core::error::Error for Mismatch {}
 #[derive(Clone, Debug)]
 enum Feedback<T: TableScalar> {
     Paper(PaperLaw<T>, PaperState<T::Sum>),
-    Hybrid(HybridLaw<T>, HybridState<T>),
+    Hybrid(HybridLaw<T>, HybridState<T>, Motion<T>),
 }
 
 impl<T: TableScalar> Feedback<T> {
     /// The law with nothing remembered.
-    fn new(law: Law<T>) -> Self {
+    fn new(law: Law<T>, table: &Table<'_>) -> Self {
         match law {
             Law::Paper(law) => Self::Paper(law, PaperState::default()),
-            Law::Hybrid(law) => Self::Hybrid(law, HybridState::default()),
+            Law::Hybrid(law) => {
+                Self::Hybrid(law, HybridState::default(), Motion::new(table.presses()))
+            }
         }
     }
 }
@@ -179,8 +185,6 @@ pub struct Controller<'a, T: TableScalar> {
     limiter: TorqueLimiter<T>,
     table: Table<'a>,
     cursor: Cursor<'a, T>,
-    /// Ticks for which the table's first one is still held.
-    settle_left: u32,
     /// Torques of the tick before, if there was one.
     previous: Option<[T; 2]>,
     fault: Option<Fault>,
@@ -240,8 +244,7 @@ impl<'a, T: TableScalar> Controller<'a, T> {
             Law::Hybrid(_) => cursor.with_pose(table),
         };
         Self {
-            settle_left: law.settle_ticks(),
-            feedback: Feedback::new(law),
+            feedback: Feedback::new(law, table),
             limiter,
             table: *table,
             cursor,
@@ -254,16 +257,13 @@ impl<'a, T: TableScalar> Controller<'a, T> {
     /// Back to the table's first tick, with nothing remembered, no fault and no saturation.
     pub fn restart(&mut self) {
         self.cursor.restart(&self.table);
-        self.settle_left = match &mut self.feedback {
-            Feedback::Paper(_, state) => {
-                *state = PaperState::default();
-                0
-            }
-            Feedback::Hybrid(law, state) => {
+        match &mut self.feedback {
+            Feedback::Paper(_, state) => *state = PaperState::default(),
+            Feedback::Hybrid(_, state, motion) => {
                 *state = HybridState::default();
-                law.settle_ticks
+                motion.restart();
             }
-        };
+        }
         self.previous = None;
         self.fault = None;
         self.saturations = SaturationCounts::default();
@@ -275,9 +275,46 @@ impl<'a, T: TableScalar> Controller<'a, T> {
         self.fault = self.fault.or(Some(fault));
     }
 
-    /// Ticks for which the table's first one is still held: 0 as soon as the table goes on.
-    pub fn settle_left(&self) -> u32 {
-        self.settle_left
+    /// Ends the run: the table stops, the force is taken away, the tip lifted off, and the arm
+    /// stands; for `cause`, or, without one, by the operator's wish. The paper's law knows no such
+    /// motion, and there a cause switches off.
+    pub fn retract(&mut self, cause: Option<Fault>) {
+        match &mut self.feedback {
+            Feedback::Paper(..) => self.fault = self.fault.or(cause),
+            Feedback::Hybrid(_, _, motion) => motion.retract(cause),
+        }
+    }
+
+    /// Lets the table stand where it is, or go on, without leaving the surface: what is called a
+    /// feed hold. The paper's law goes on.
+    pub fn pause(&mut self, paused: bool) {
+        if let Feedback::Hybrid(_, _, motion) = &mut self.feedback {
+            motion.pause(paused);
+        }
+    }
+
+    /// Where the run is.
+    pub fn phase(&self) -> Phase {
+        match &self.feedback {
+            Feedback::Paper(..) => Phase::Follow,
+            Feedback::Hybrid(_, _, motion) => motion.phase(),
+        }
+    }
+
+    /// Whether the table has begun.
+    pub fn begun(&self) -> bool {
+        match &self.feedback {
+            Feedback::Paper(..) => true,
+            Feedback::Hybrid(_, _, motion) => motion.begun(),
+        }
+    }
+
+    /// Why the run was given up with the drives on, if it was.
+    pub fn retract_cause(&self) -> Option<Fault> {
+        match &self.feedback {
+            Feedback::Paper(..) => None,
+            Feedback::Hybrid(_, _, motion) => motion.cause(),
+        }
     }
 
     /// True when the table's last tick has been reached; further ticks hold it.
@@ -289,7 +326,7 @@ impl<'a, T: TableScalar> Controller<'a, T> {
     pub fn force_integral(&self) -> T::Sum {
         match &self.feedback {
             Feedback::Paper(_, state) => state.integral,
-            Feedback::Hybrid(_, state) => state.force_integral,
+            Feedback::Hybrid(_, state, _) => state.force_integral,
         }
     }
 
@@ -304,6 +341,7 @@ impl<'a, T: TableScalar> Controller<'a, T> {
         let tick = self.cursor.tick();
         let mut torque = [T::ZERO; 2];
         let mut saturation = [Saturation::None; 2];
+        let mut goes_on = true;
         if self.fault.is_none() {
             let gate = Gate {
                 limiter: &self.limiter,
@@ -314,8 +352,15 @@ impl<'a, T: TableScalar> Controller<'a, T> {
                 Feedback::Paper(law, state) => {
                     gate.tick(law, state, &self.cursor.setpoint(), measured, counts)
                 }
-                Feedback::Hybrid(law, state) => {
-                    gate.tick(law, state, &self.cursor.pose(), measured, counts)
+                Feedback::Hybrid(law, state, motion) => {
+                    let mut setpoint = self.cursor.pose(motion.part());
+                    let mut reading = Reading {
+                        setpoint: &mut setpoint,
+                        measured,
+                        at_end: self.cursor.at_end(),
+                    };
+                    goes_on = motion.tick(law, state, &mut reading, counts);
+                    gate.tick(law, state, &setpoint, measured, counts)
                 }
             };
             match given {
@@ -324,15 +369,14 @@ impl<'a, T: TableScalar> Controller<'a, T> {
             }
         }
         self.previous = Some(torque);
-        if self.settle_left > 0 {
-            self.settle_left -= 1;
-        } else {
+        if goes_on {
             self.cursor.advance();
         }
         Command {
             torque,
             tick,
             saturation,
+            phase: self.phase(),
             fault: self.fault,
         }
     }

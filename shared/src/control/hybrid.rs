@@ -29,9 +29,11 @@
 //! **Torque loop.** D makes the root moment what the law wants: it takes out gear friction and the
 //! drive's error. K_T = 0 does without the gauge.
 //!
-//! **Settling.** Before the table begins, its first tick is held for `settle_s`: nothing moves, and
-//! the integrals find what the plan does not know of the arm at rest (weight, stiffness, offsets).
-//! The controller keeps count; the law itself knows no difference.
+//! **In the air** the same equations run with other numbers for joint 2 ([`FreeParameters`]): the
+//! force integral stands still, the force error feeds nothing, and the joint is stiff about its
+//! planned angle, where in contact it is soft on purpose. [`HybridLaw::change`] goes from one set to
+//! the other without a step in the torque; which one acts is the motion's business
+//! ([`crate::control::motion`]).
 //!
 //! **First tick.** All states are zero and the errors before are the present ones: no kick.
 //!
@@ -40,6 +42,7 @@
 
 use crate::control::feedback::FeedbackLaw;
 use crate::control::filter::{filter_alpha, low_pass};
+use crate::control::motion_parameters::{MotionCoefficients, MotionParameters};
 use crate::model::ArmParameters;
 use crate::number::{Scalar, SiScalar};
 use crate::signals::{Formats, Measurement, PoseSetpoint, Saturation, SaturationCounts};
@@ -73,8 +76,28 @@ pub struct HybridParameters {
     pub section_angle_nm_rad: [f64; 2],
     /// h: what the force error's moment, phi, feeds to them.
     pub section_force: [f64; 2],
-    /// Time for which the table's first tick is held before the table begins, s.
-    pub settle_s: f64,
+    /// Joint 2's gains with the tip in the air.
+    pub free: FreeParameters,
+    /// How contact is made, kept, lost and left.
+    pub motion: MotionParameters,
+}
+
+/// Joint 2's gains with the tip in the air: those of the contact set that are not named here are
+/// none.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FreeParameters {
+    /// k2: stiffness about the planned angle, N m/rad.
+    pub stiffness_nm_rad: f64,
+    /// B2: damping of the rate against the planned one, N m s/rad.
+    pub damping_nms_rad: f64,
+    /// K_T, 1/s.
+    pub torque_loop_per_s: f64,
+    /// w, rad/s.
+    pub section_frequency_rad_s: f64,
+    /// z, below 1.
+    pub section_damping: f64,
+    /// g, N m/rad.
+    pub section_angle_nm_rad: [f64; 2],
 }
 
 impl HybridParameters {
@@ -92,7 +115,15 @@ impl HybridParameters {
         section_damping: 0.567,
         section_angle_nm_rad: [0.894, 1.125],
         section_force: [0.156, 0.208],
-        settle_s: 2.0,
+        free: FreeParameters {
+            stiffness_nm_rad: 1.882,
+            damping_nms_rad: 0.02825,
+            torque_loop_per_s: 91.0,
+            section_frequency_rad_s: 13.7,
+            section_damping: 0.1825,
+            section_angle_nm_rad: [-3.005, -0.07898],
+        },
+        motion: MotionParameters::DEFAULT,
     };
 
     /// The parameters as they go over the link, in f32: a law that the host makes from the file
@@ -112,16 +143,32 @@ impl HybridParameters {
             section_damping: sent(self.section_damping),
             section_angle_nm_rad: self.section_angle_nm_rad.map(sent),
             section_force: self.section_force.map(sent),
-            settle_s: sent(self.settle_s),
+            free: FreeParameters {
+                stiffness_nm_rad: sent(self.free.stiffness_nm_rad),
+                damping_nms_rad: sent(self.free.damping_nms_rad),
+                torque_loop_per_s: sent(self.free.torque_loop_per_s),
+                section_frequency_rad_s: sent(self.free.section_frequency_rad_s),
+                section_damping: sent(self.free.section_damping),
+                section_angle_nm_rad: self.free.section_angle_nm_rad.map(sent),
+            },
+            motion: self.motion.sent(),
         }
     }
 
-    /// Ticks for which the table's first one is held, at `tick_rate_hz`.
-    pub fn settle_ticks(&self, tick_rate_hz: u32) -> u32 {
-        // To the nearest; none where it is negative or NaN.
-        (self.sent().settle_s * f64::from(tick_rate_hz) + 0.5) as u32
+    /// The contact set as if it were one of the air: what both have.
+    fn contact(&self) -> FreeParameters {
+        FreeParameters {
+            stiffness_nm_rad: self.joint_stiffness_nm_rad[1],
+            damping_nms_rad: self.joint_damping_nms_rad[1],
+            torque_loop_per_s: self.torque_loop_per_s,
+            section_frequency_rad_s: self.section_frequency_rad_s,
+            section_damping: self.section_damping,
+            section_angle_nm_rad: self.section_angle_nm_rad,
+        }
     }
+}
 
+impl FreeParameters {
     /// The section's step from tick to tick, `exp(T A)`: what each state keeps of itself, and what
     /// it takes of the other.
     fn rotation(&self, rate_hz: f64) -> [f64; 2] {
@@ -160,42 +207,80 @@ fn exponential([mut real, mut imaginary]: [f64; 2]) -> [f64; 2] {
 /// Largest error that joint 1's integral stands for, rad: what fixed point holds.
 const INTEGRAL_MAX_RAD: f64 = 3.0;
 
-/// The hybrid law: its coefficients in the tick's number type.
+/// Joint 2's coefficients, of contact or of the air.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "")]
-pub struct HybridLaw<T: Scalar> {
-    /// Length r2: from a sine to a moment arm.
-    link2_length: T::Gain,
-    /// K1 and k2.
-    stiffness: [T::Gain; 2],
-    /// B1 and B2 divided by the control period.
-    damping: [T::Gain; 2],
-    rate_filter: [T::Alpha; 2],
-    /// Ki1 / K1 times the control period: the integral is kept as an angle.
-    place_integral: T::Alpha,
-    /// Its limit, rad.
-    place_integral_limit: T,
+struct Joint2<T: Scalar> {
+    /// k2.
+    stiffness: T::Gain,
+    /// B2 divided by the control period.
+    damping: T::Gain,
     /// K_IF times the control period.
     force_integral: T::Alpha,
     /// K_T times the control period.
     torque_loop: T::Alpha,
-    /// Limit of D, N m.
-    correction_limit: T,
     /// What the section's states keep of themselves and take of each other.
     rotation: [T::Alpha; 2],
     /// w T g.
     section_angle: [T::Gain; 2],
     /// w T h.
     section_force: [T::Gain; 2],
-    /// Ticks for which the table's first one is held.
-    pub(crate) settle_ticks: u32,
-    /// Format change of moment arm (m) times force (N) to torque (N m).
-    torque: T::Shift,
+}
+
+impl<T: SiScalar> Joint2<T> {
+    fn new(
+        p: &FreeParameters,
+        (force_integral_per_s, section_force): (f64, [f64; 2]),
+        rate_hz: f64,
+        torque: T::Format,
+    ) -> Self {
+        let section = p.section_frequency_rad_s / rate_hz;
+        Self {
+            stiffness: T::angle_gain(p.stiffness_nm_rad, torque),
+            damping: T::angle_gain(p.damping_nms_rad * rate_hz, torque),
+            force_integral: T::alpha(force_integral_per_s / rate_hz),
+            torque_loop: T::alpha(p.torque_loop_per_s / rate_hz),
+            rotation: p.rotation(rate_hz).map(T::alpha),
+            section_angle: p
+                .section_angle_nm_rad
+                .map(|gain| T::angle_gain(section * gain, torque)),
+            section_force: section_force.map(|gain| T::gain(section * gain, torque, torque)),
+        }
+    }
+}
+
+/// The hybrid law: its coefficients in the tick's number type.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "")]
+pub struct HybridLaw<T: Scalar> {
+    /// Lengths r1 and r2: from a sine to a moment arm.
+    link_length: [T::Gain; 2],
+    /// K1.
+    stiffness: T::Gain,
+    /// B1 divided by the control period.
+    damping: T::Gain,
+    rate_filter: [T::Alpha; 2],
+    /// Ki1 / K1 times the control period: the integral is kept as an angle.
+    place_integral: T::Alpha,
+    /// Its limit, rad.
+    place_integral_limit: T,
+    /// Limit of D, N m.
+    correction_limit: T,
+    /// Joint 2's with the tip on the surface.
+    contact: Joint2<T>,
+    /// Joint 2's with the tip in the air.
+    free: Joint2<T>,
+    /// Format change of moment arm (m) times force (N) to joint 1's and joint 2's torque (N m).
+    torque: [T::Shift; 2],
+    /// What the motion counts with.
+    pub(super) motion: MotionCoefficients<T>,
 }
 
 /// What the hybrid law remembers from tick to tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HybridState<T: Scalar> {
+    /// Whether joint 2's gains are those of the air.
+    pub free: bool,
     /// Errors of the motors' angles at the tick before, rad; `None` before the first.
     pub angle_error: Option<[T; 2]>,
     /// Their filtered differences, rad a tick.
@@ -213,6 +298,7 @@ pub struct HybridState<T: Scalar> {
 impl<T: Scalar> Default for HybridState<T> {
     fn default() -> Self {
         Self {
+            free: false,
             angle_error: None,
             rate_error: [T::Sum::default(); 2],
             place_integral: T::Sum::default(),
@@ -264,32 +350,22 @@ impl<T: SiScalar> HybridLaw<T> {
             }
         };
         let limit_rad = of_stiffness(p.joint1_integral_limit_nm);
-        let section = p.section_frequency_rad_s / rate;
-        let of_angles = |[first, second]: [f64; 2]| {
-            [
-                T::angle_gain(first, torque1),
-                T::angle_gain(second, torque2),
-            ]
-        };
+        let in_contact = (p.force_integral_per_s, p.section_force);
+        let length = |m: f64| T::gain(m, T::SINE, formats.moment_arm);
         Self {
-            link2_length: T::gain(arm.link2_length_m, T::SINE, formats.moment_arm),
-            stiffness: of_angles(p.joint_stiffness_nm_rad),
-            damping: of_angles(p.joint_damping_nms_rad.map(|damping| damping * rate)),
+            link_length: [length(arm.link1_length_m), length(arm.link2_length_m)],
+            stiffness: T::angle_gain(stiffness1, torque1),
+            damping: T::angle_gain(p.joint_damping_nms_rad[0] * rate, torque1),
             rate_filter: p.rate_filter_hz.map(|hz| T::alpha(filter_alpha(hz, rate))),
             place_integral: T::alpha(of_stiffness(p.joint1_integral_nm_rads) / rate),
             place_integral_limit: T::from_rad(limit_rad.min(INTEGRAL_MAX_RAD)),
-            force_integral: T::alpha(p.force_integral_per_s / rate),
-            torque_loop: T::alpha(p.torque_loop_per_s / rate),
             correction_limit: T::from_si(p.torque_correction_limit_nm, torque2),
-            rotation: p.rotation(rate).map(T::alpha),
-            section_angle: p
-                .section_angle_nm_rad
-                .map(|gain| T::angle_gain(section * gain, torque2)),
-            section_force: p
-                .section_force
-                .map(|gain| T::gain(section * gain, torque2, torque2)),
-            settle_ticks: p.settle_ticks(tick_rate_hz),
-            torque: T::shift(formats.moment_arm, formats.force, torque2),
+            contact: Joint2::new(&p.contact(), in_contact, rate, torque2),
+            free: Joint2::new(&p.free, (0.0, [0.0; 2]), rate, torque2),
+            torque: formats
+                .torque
+                .map(|torque| T::shift(formats.moment_arm, formats.force, torque)),
+            motion: MotionCoefficients::new(&p.motion, tick_rate_hz, formats),
         }
     }
 }
@@ -309,39 +385,34 @@ impl<T: Scalar> HybridLaw<T> {
             state.force_integral,
             state.torque_correction,
         ];
-        let [m1, m2] = measured.motor;
-        let [theta10, theta20] = setpoint.angle;
-        let error = [
-            m1.angle_minus(theta10),
-            m2.angle_minus(theta20.angle_minus(theta10))
-                .angle_minus(setpoint.root_slope),
-        ];
+        let joint2 = if state.free {
+            &self.free
+        } else {
+            &self.contact
+        };
+        let error = Self::angle_error(setpoint, measured);
         let rate = self.rates(state, error, saturations);
         let tau1 = self.place(state, setpoint.torque[0], error[0], rate[0], saturations);
 
-        let count = &mut T::SaturationCount::default();
-        // Its format holds both links' lengths together.
-        let moment_arm = setpoint
-            .normal_angle
-            .angle_minus(theta20)
-            .sine()
-            .scaled(self.link2_length, count);
+        let moment_arm = self.moment_arm2(setpoint);
         let force_error = setpoint.force.minus(measured.force, &mut saturations.force);
-        let step = force_error.times_alpha(self.force_integral);
+        let step = force_error.times_alpha(joint2.force_integral);
         state.force_integral =
             T::accumulated(state.force_integral, step, &mut saturations.integral);
         let count = &mut saturations.torque[1];
-        let force_moment = moment_arm.times(T::of_sum(state.force_integral), self.torque, count);
+        let force_moment = moment_arm.times(T::of_sum(state.force_integral), self.torque[1], count);
         let want = setpoint.torque[1]
             .plus(force_moment, count)
-            .minus(rate[1].scaled(self.damping[1], count), count)
-            .minus(error[1].scaled(self.stiffness[1], count), count)
+            .minus(rate[1].scaled(joint2.damping, count), count)
+            .minus(error[1].scaled(joint2.stiffness, count), count)
             .plus(T::of_sum(state.section[0]), count);
-        let phi = moment_arm.times(force_error, self.torque, count).negative();
-        self.advance_section(state, error[1], phi, count);
+        let phi = moment_arm
+            .times(force_error, self.torque[1], count)
+            .negative();
+        Self::advance_section(joint2, state, error[1], phi, count);
         let step = want
             .minus(measured.root_moment, count)
-            .times_alpha(self.torque_loop);
+            .times_alpha(joint2.torque_loop);
         state.torque_correction = clipped(
             T::accumulated(state.torque_correction, step, count),
             self.correction_limit,
@@ -351,6 +422,80 @@ impl<T: Scalar> HybridLaw<T> {
             moment_arm,
             before,
         }
+    }
+
+    /// The motors' angles less the planned ones, e1 and e2, rad.
+    #[inline]
+    pub(super) fn angle_error(setpoint: &PoseSetpoint<T>, measured: &Measurement<T>) -> [T; 2] {
+        let [m1, m2] = measured.motor;
+        let [theta10, theta20] = setpoint.angle;
+        [
+            m1.angle_minus(theta10),
+            m2.angle_minus(theta20.angle_minus(theta10))
+                .angle_minus(setpoint.root_slope),
+        ]
+    }
+
+    /// s2, m.
+    #[inline]
+    pub(super) fn moment_arm2(&self, setpoint: &PoseSetpoint<T>) -> T {
+        // Its format holds both links' lengths together.
+        let count = &mut T::SaturationCount::default();
+        setpoint
+            .normal_angle
+            .angle_minus(setpoint.angle[1])
+            .sine()
+            .scaled(self.link_length[1], count)
+    }
+
+    /// Joint 1's torque of a force (N) along the normal, N m: `s1 = r1 sin(psi - theta10) + s2`
+    /// times it.
+    pub(super) fn force_on_joint1(
+        &self,
+        setpoint: &PoseSetpoint<T>,
+        force: T,
+        count: &mut T::SaturationCount,
+    ) -> T {
+        let of_link1 = setpoint
+            .normal_angle
+            .angle_minus(setpoint.angle[0])
+            .sine()
+            .scaled(self.link_length[0], count);
+        let moment_arm = of_link1.plus(self.moment_arm2(setpoint), count);
+        moment_arm.times(force, self.torque[0], count)
+    }
+
+    /// Goes over to joint 2's gains of the air, or to those of contact, without a step in the
+    /// torque: what stiffness and section give is taken over by the force integral. Returns
+    /// joint 2's error (rad), about which it is to be counted from now on; the next `update`'s
+    /// setpoint must be shifted by it.
+    pub(super) fn change(
+        &self,
+        state: &mut HybridState<T>,
+        free: bool,
+        (setpoint, measured): (&PoseSetpoint<T>, &Measurement<T>),
+        saturations: &mut SaturationCounts<T::SaturationCount>,
+    ) -> T {
+        let joint2 = if state.free {
+            &self.free
+        } else {
+            &self.contact
+        };
+        let [_, error] = Self::angle_error(setpoint, measured);
+        let moment_arm = self.moment_arm2(setpoint);
+        let held = T::of_sum(state.section[0]).minus(
+            error.scaled(joint2.stiffness, &mut saturations.torque[1]),
+            &mut saturations.torque[1],
+        );
+        let step = held.over(moment_arm, self.torque[1], &mut saturations.integral);
+        state.force_integral =
+            T::accumulated(state.force_integral, step.sum(), &mut saturations.integral);
+        state.section = [T::Sum::default(); 2];
+        state.free = free;
+        if let Some([_, before]) = &mut state.angle_error {
+            *before = before.angle_minus(error);
+        }
+        error
     }
 
     /// The filtered differences of the errors from tick to tick, rad.
@@ -392,26 +537,26 @@ impl<T: Scalar> HybridLaw<T> {
         let held = error.plus(T::of_sum(state.place_integral), count);
         let count = &mut saturations.torque[0];
         feedforward
-            .minus(held.scaled(self.stiffness[0], count), count)
-            .minus(rate.scaled(self.damping[0], count), count)
+            .minus(held.scaled(self.stiffness, count), count)
+            .minus(rate.scaled(self.damping, count), count)
     }
 
     /// The section's next state, from joint 2's error (rad) and the force error's moment (N m).
     #[inline]
     fn advance_section(
-        &self,
+        joint2: &Joint2<T>,
         state: &mut HybridState<T>,
         error: T,
         phi: T,
         count: &mut T::SaturationCount,
     ) {
-        let [keeps, takes] = self.rotation;
+        let [keeps, takes] = joint2.rotation;
         let [x, y] = state.section.map(T::of_sum);
         let next = |own: T, other: T, i: usize, count: &mut T::SaturationCount| {
             let turned = T::accumulated(own.times_alpha(keeps), other.times_alpha(takes), count);
             let fed = error
-                .scaled(self.section_angle[i], count)
-                .plus(phi.scaled(self.section_force[i], count), count);
+                .scaled(joint2.section_angle[i], count)
+                .plus(phi.scaled(joint2.section_force[i], count), count);
             T::accumulated(turned, fed.sum(), count)
         };
         state.section = [next(x, y, 0, count), next(y, x.negative(), 1, count)];

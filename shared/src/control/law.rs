@@ -6,6 +6,7 @@
 //! | `hybrid` | `hybrid` | motor angles, root moment, force |
 
 use crate::control::hybrid::{HybridLaw, HybridParameters};
+use crate::control::motion_parameters::MotionParameters;
 use crate::control::paper::{PaperLaw, PaperParameters};
 use crate::model::ArmParameters;
 use crate::number::{Scalar, SiScalar};
@@ -37,7 +38,7 @@ impl LawParameters {
     pub fn settle_ticks(&self, tick_rate_hz: u32) -> u32 {
         match self {
             Self::Paper(_) => 0,
-            Self::Hybrid(hybrid) => hybrid.settle_ticks(tick_rate_hz),
+            Self::Hybrid(hybrid) => hybrid.motion.settle_ticks(tick_rate_hz),
         }
     }
 
@@ -47,7 +48,10 @@ impl LawParameters {
         match self {
             Self::Paper(_) => self,
             Self::Hybrid(hybrid) => Self::Hybrid(HybridParameters {
-                settle_s: 0.0,
+                motion: MotionParameters {
+                    settle_s: 0.0,
+                    ..hybrid.motion
+                },
                 ..hybrid
             }),
         }
@@ -82,16 +86,6 @@ pub enum Law<T: Scalar> {
     Paper(PaperLaw<T>),
     /// The hybrid law.
     Hybrid(HybridLaw<T>),
-}
-
-impl<T: Scalar> Law<T> {
-    /// Ticks for which the controller holds the table's first one before the table begins.
-    pub(crate) fn settle_ticks(&self) -> u32 {
-        match self {
-            Self::Paper(_) => 0,
-            Self::Hybrid(law) => law.settle_ticks,
-        }
-    }
 }
 
 impl<T: SiScalar> Law<T> {

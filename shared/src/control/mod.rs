@@ -6,6 +6,8 @@
 //! | `feedback` | what the controller wants of a law |
 //! | `paper` | the paper's law (eq. 18-20) |
 //! | `hybrid` | the hybrid law: joint 1 holds the place, joint 2 makes the force |
+//! | `motion` | its course: approach, contact, follow, lost, retract, hold |
+//! | `motion_parameters` | its thresholds, speeds and times |
 //! | `filter` | the low-pass of both |
 //! | `limiter` | torque limits and the finite check behind everything |
 //! | `controller` | the one `tick` that joins cursor, law and limiter |
@@ -18,13 +20,18 @@ mod hybrid;
 mod hybrid_tests;
 mod law;
 mod limiter;
+mod motion;
+mod motion_parameters;
+#[cfg(test)]
+mod motion_tests;
 mod paper;
 
 pub use controller::{Coefficients, Command, Controller, Mismatch};
 pub use feedback::Coefficient;
-pub use hybrid::{HybridDemand, HybridLaw, HybridParameters, HybridState};
+pub use hybrid::{FreeParameters, HybridDemand, HybridLaw, HybridParameters, HybridState};
 pub use law::{Law, LawParameters};
 pub use limiter::{LimitParameters, TorqueLimiter};
+pub use motion_parameters::MotionParameters;
 pub use paper::{
     ForceProjection, PaperDemand, PaperLaw, PaperParameters, PaperState, SlopeRateFeedback,
 };

@@ -18,14 +18,14 @@ use postcard::ser_flavors::{Cobs, Slice, crc::CrcModifier};
 use serde::{Deserialize, Serialize};
 
 /// Version of the protocol, first byte of every frame.
-pub const VERSION: u8 = 3;
+pub const VERSION: u8 = 4;
 
-/// Most bytes of a frame before COBS: version, message, CRC. COBS adds one byte to
-/// that, and the end one more.
-pub const PAYLOAD_MAX: usize = 253;
+/// Most bytes of a frame before COBS: version, message, CRC. COBS adds one byte to each 254 begun
+/// of that, and the end one more.
+pub const PAYLOAD_MAX: usize = 381;
 
 /// Most bytes of a frame on the line.
-pub const FRAME_MAX: usize = PAYLOAD_MAX + 2;
+pub const FRAME_MAX: usize = PAYLOAD_MAX + PAYLOAD_MAX.div_ceil(254) + 1;
 
 /// Frames that were dropped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -34,12 +34,12 @@
 //! 2 x f64, torque rate 2 x f64. All SI, in the order of
 //! [`ArmParameters`](crate::model::ArmParameters), [`LawSetup`](crate::link::LawSetup) and
 //! [`LimitSetup`](crate::link::LimitSetup). It has 159 bytes with the paper's law, 8 more for each
-//! filter corner that is given, and 190 with the hybrid law.
+//! filter corner that is given, and 258 with the hybrid law.
 //!
 //! | law | bytes |
 //! |---|---|
 //! | paper | `00`, `K_DF`, `K_PF`, `K_IF`, `K_w` f64, force filter option of f64, slope rate filter option of f64, force projection as printed bool (else the Jacobian's transpose), slope rate feedback as printed bool (else of the deviation), feedforward bool |
-//! | hybrid | `01`, f32 each: joint stiffness 2, joint damping 2, rate filter 2, joint 1's integral, its limit, force integral, torque loop, torque correction's limit, section: frequency, damping, from the angle 2, from the force 2 |
+//! | hybrid | `01`, f32 each: joint stiffness 2, joint damping 2, rate filter 2, joint 1's integral, its limit, force integral, torque loop, torque correction's limit, section: frequency, damping, from the angle 2, from the force 2; in the air: stiffness, damping, torque loop, section's frequency, damping, from the angle 2; motion: settling, approach's speed and limit, contact on and off, force ramp, lost, stop, lifting's speed and way |
 //!
 //! | reply | bytes |
 //! |---|---|
@@ -78,6 +78,8 @@ use crate::table::{Slot, TableIdentity};
 use serde::{Deserialize, Serialize};
 
 /// What the host may ask for.
+// There is one at a time, on the stack, and no box without an allocator.
+#[allow(clippy::large_enum_variant)]
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Request {
     /// Who are you? Answered by [`Reply::Identity`].

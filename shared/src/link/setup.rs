@@ -56,8 +56,52 @@ pub struct HybridSetup {
     pub section_angle_nm_rad: [f32; 2],
     /// h.
     pub section_force: [f32; 2],
+    /// Joint 2's gains in the air.
+    pub free: FreeSetup,
+    /// How contact is made, kept, lost and left.
+    pub motion: MotionSetup,
+}
+
+/// Joint 2's gains with the tip in the air, SI.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FreeSetup {
+    /// k2, N m/rad.
+    pub stiffness_nm_rad: f32,
+    /// B2, N m s/rad.
+    pub damping_nms_rad: f32,
+    /// K_T, 1/s.
+    pub torque_loop_per_s: f32,
+    /// w, rad/s.
+    pub section_frequency_rad_s: f32,
+    /// z.
+    pub section_damping: f32,
+    /// g, N m/rad.
+    pub section_angle_nm_rad: [f32; 2],
+}
+
+/// How contact is made, kept, lost and left, SI.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MotionSetup {
     /// Time for which the table's first tick is held, s.
     pub settle_s: f32,
+    /// Speed of the tip towards the surface, m/s.
+    pub approach_speed_m_s: f32,
+    /// Way after which an approach is given up, m.
+    pub approach_limit_m: f32,
+    /// Share of the planned force from which on there is contact.
+    pub contact_on_share: f32,
+    /// Share below which there is none.
+    pub contact_off_share: f32,
+    /// Rate of the wanted force, 1/s.
+    pub force_ramp_per_s: f32,
+    /// Time without contact after which a run is given up, s.
+    pub lost_s: f32,
+    /// Time in which the table comes to a stop, s.
+    pub stop_s: f32,
+    /// Speed at which the tip is lifted off, m/s.
+    pub lift_speed_m_s: f32,
+    /// Way by which it is lifted, m.
+    pub lift_m: f32,
 }
 
 /// Gains and options of the paper's control law (eq. 18-20), SI.
@@ -160,7 +204,7 @@ mod tests {
         expected.extend(numbers(16..=16));
         expected.extend([1, 0, 1]);
         expected.extend(numbers(17..=20));
-        let mut buffer = [0; 256];
+        let mut buffer = [0; 512];
         let bytes = setup.encode(&mut buffer).unwrap();
         let (body, crc) = bytes.split_last_chunk().unwrap();
         assert_eq!(body, expected);
@@ -182,20 +226,39 @@ mod tests {
             section_damping: 13.0,
             section_angle_nm_rad: [14.0, 15.0],
             section_force: [16.0, 17.0],
-            settle_s: 18.0,
+            free: FreeSetup {
+                stiffness_nm_rad: 18.0,
+                damping_nms_rad: 19.0,
+                torque_loop_per_s: 20.0,
+                section_frequency_rad_s: 21.0,
+                section_damping: 22.0,
+                section_angle_nm_rad: [23.0, 24.0],
+            },
+            motion: MotionSetup {
+                settle_s: 25.0,
+                approach_speed_m_s: 26.0,
+                approach_limit_m: 27.0,
+                contact_on_share: 28.0,
+                contact_off_share: 29.0,
+                force_ramp_per_s: 30.0,
+                lost_s: 31.0,
+                stop_s: 32.0,
+                lift_speed_m_s: 33.0,
+                lift_m: 34.0,
+            },
         });
-        let mut buffer = [0; 256];
+        let mut buffer = [0; 512];
         let bytes = Setup { law, ..SETUP }.encode(&mut buffer).unwrap().to_vec();
         let mut expected = std::vec![1_u8];
-        expected.extend((1..=18_u8).flat_map(|x| f32::from(x).to_le_bytes()));
-        assert_eq!(bytes.len(), 194 + 4);
-        assert_eq!(bytes[89..162], expected);
+        expected.extend((1..=34_u8).flat_map(|x| f32::from(x).to_le_bytes()));
+        assert_eq!(bytes.len(), 258 + 4);
+        assert_eq!(bytes[89..226], expected);
         assert_eq!(Setup::decode(&bytes), Some(Setup { law, ..SETUP }));
     }
 
     #[test]
     fn a_changed_byte_is_found_out() {
-        let mut buffer = [0; 256];
+        let mut buffer = [0; 512];
         let mut bytes = SETUP.encode(&mut buffer).unwrap().to_vec();
         assert_eq!(Setup::decode(&bytes), Some(SETUP));
         bytes[20] ^= 1;

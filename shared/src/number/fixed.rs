@@ -250,6 +250,22 @@ impl Scalar for Fixed {
         shifted(high_product(bits(self), bits(other)), shift, count)
     }
 
+    fn over(self, other: Self, shift: u8, count: &mut u32) -> Self {
+        // times() gives the product's upper 32 bits, shifted up.
+        let dividend = i64::from(bits(self)) << (32 - u32::from(shift).min(32));
+        if bits(other) == 0 {
+            return Self::ZERO;
+        }
+        let quotient = dividend.saturating_div(i64::from(bits(other)));
+        i32::try_from(quotient).map_or_else(
+            |_| {
+                count_saturation(count);
+                of(if quotient > 0 { i32::MAX } else { i32::MIN })
+            },
+            of,
+        )
+    }
+
     #[inline]
     fn times_in_range<const UP: u32>(self, other: Self) -> Self {
         let high = high_product(bits(self), bits(other));

@@ -62,6 +62,11 @@ macro_rules! float {
             }
 
             #[inline]
+            fn over(self, other: Self, (): (), (): &mut ()) -> Self {
+                if other == 0.0 { 0.0 } else { self / other }
+            }
+
+            #[inline]
             fn times_in_range<const UP: u32>(self, other: Self) -> Self {
                 self * other
             }

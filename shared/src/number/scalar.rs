@@ -1,8 +1,8 @@
 //! The scalar traits behind which the controller and the model are written once.
 //!
 //! - [`Scalar`] is what the control tick computes with: `f32`, `f64` and
-//!   [`Fixed`](crate::number::fixed::Fixed). No roots, no transcendental function and no
-//!   division, so that a tick costs no library call on a core with the number type's
+//!   [`Fixed`](crate::number::fixed::Fixed). No roots, no transcendental function and, but at a
+//!   change of state, no division, so that a tick costs no library call on a core with the number type's
 //!   arithmetic. [`SiScalar`] adds what the host converts with, [`TableScalar`] how a table
 //!   is read.
 //! - [`Real`] is what the model, planning and simulation compute with, in
@@ -114,6 +114,10 @@ pub trait Scalar:
     /// Times another signal; saturates.
     #[must_use]
     fn times(self, other: Self, shift: Self::Shift, count: &mut Self::SaturationCount) -> Self;
+    /// The signal that, [`times`](Self::times) the `other` with this shift, is this one; saturates,
+    /// and is 0 where the other is. No tick needs it, only a change of state.
+    #[must_use]
+    fn over(self, other: Self, shift: Self::Shift, count: &mut Self::SaturationCount) -> Self;
     /// Times another number, known to stay in range. The result's exponent is the sum of
     /// the factors' plus 1 less `UP`.
     #[must_use]

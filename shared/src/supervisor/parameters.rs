@@ -4,10 +4,10 @@
 //! between them are here, where host and firmware both reach them.
 
 use crate::control::{
-    Controller, ForceProjection, HybridParameters, LawParameters, LimitParameters, PaperParameters,
-    SlopeRateFeedback,
+    Controller, ForceProjection, FreeParameters, HybridParameters, LawParameters, LimitParameters,
+    MotionParameters, PaperParameters, SlopeRateFeedback,
 };
-use crate::link::{HybridSetup, LawSetup, LimitSetup, PaperSetup, Setup};
+use crate::link::{FreeSetup, HybridSetup, LawSetup, LimitSetup, MotionSetup, PaperSetup, Setup};
 use crate::model::ArmParameters;
 use crate::table::{Table, TableError};
 
@@ -127,7 +127,26 @@ impl From<HybridSetup> for HybridParameters {
             section_damping: hybrid.section_damping.into(),
             section_angle_nm_rad: hybrid.section_angle_nm_rad.map(f64::from),
             section_force: hybrid.section_force.map(f64::from),
-            settle_s: hybrid.settle_s.into(),
+            free: FreeParameters {
+                stiffness_nm_rad: hybrid.free.stiffness_nm_rad.into(),
+                damping_nms_rad: hybrid.free.damping_nms_rad.into(),
+                torque_loop_per_s: hybrid.free.torque_loop_per_s.into(),
+                section_frequency_rad_s: hybrid.free.section_frequency_rad_s.into(),
+                section_damping: hybrid.free.section_damping.into(),
+                section_angle_nm_rad: hybrid.free.section_angle_nm_rad.map(f64::from),
+            },
+            motion: MotionParameters {
+                settle_s: hybrid.motion.settle_s.into(),
+                approach_speed_m_s: hybrid.motion.approach_speed_m_s.into(),
+                approach_limit_m: hybrid.motion.approach_limit_m.into(),
+                contact_on_share: hybrid.motion.contact_on_share.into(),
+                contact_off_share: hybrid.motion.contact_off_share.into(),
+                force_ramp_per_s: hybrid.motion.force_ramp_per_s.into(),
+                lost_s: hybrid.motion.lost_s.into(),
+                stop_s: hybrid.motion.stop_s.into(),
+                lift_speed_m_s: hybrid.motion.lift_speed_m_s.into(),
+                lift_m: hybrid.motion.lift_m.into(),
+            },
         }
     }
 }
@@ -148,7 +167,26 @@ impl From<HybridParameters> for HybridSetup {
             section_damping: hybrid.section_damping as f32,
             section_angle_nm_rad: hybrid.section_angle_nm_rad.map(|x| x as f32),
             section_force: hybrid.section_force.map(|x| x as f32),
-            settle_s: hybrid.settle_s as f32,
+            free: FreeSetup {
+                stiffness_nm_rad: hybrid.free.stiffness_nm_rad as f32,
+                damping_nms_rad: hybrid.free.damping_nms_rad as f32,
+                torque_loop_per_s: hybrid.free.torque_loop_per_s as f32,
+                section_frequency_rad_s: hybrid.free.section_frequency_rad_s as f32,
+                section_damping: hybrid.free.section_damping as f32,
+                section_angle_nm_rad: hybrid.free.section_angle_nm_rad.map(|x| x as f32),
+            },
+            motion: MotionSetup {
+                settle_s: hybrid.motion.settle_s as f32,
+                approach_speed_m_s: hybrid.motion.approach_speed_m_s as f32,
+                approach_limit_m: hybrid.motion.approach_limit_m as f32,
+                contact_on_share: hybrid.motion.contact_on_share as f32,
+                contact_off_share: hybrid.motion.contact_off_share as f32,
+                force_ramp_per_s: hybrid.motion.force_ramp_per_s as f32,
+                lost_s: hybrid.motion.lost_s as f32,
+                stop_s: hybrid.motion.stop_s as f32,
+                lift_speed_m_s: hybrid.motion.lift_speed_m_s as f32,
+                lift_m: hybrid.motion.lift_m as f32,
+            },
         }
     }
 }

@@ -292,6 +292,24 @@ impl<'a> Supervisor<'a> {
         before != self.ticks_total || matches!(self.state, State::LockStep { .. })
     }
 
+    /// Ends an enabled arm's run by the operator's wish: see [`Controller::retract`].
+    pub fn retract(&mut self) {
+        if let State::Enabled { .. } = self.state
+            && let Some(controller) = self.slot.controller()
+        {
+            controller.retract(None);
+        }
+    }
+
+    /// Lets an enabled arm's table stand, or go on: see [`Controller::pause`].
+    pub fn pause(&mut self, paused: bool) {
+        if let State::Enabled { .. } = self.state
+            && let Some(controller) = self.slot.controller()
+        {
+            controller.pause(paused);
+        }
+    }
+
     /// The host has been heard.
     pub fn link_alive(&mut self) {
         if let State::Enabled { monitor, .. } = &mut self.state {

@@ -190,6 +190,17 @@ impl<'a, T: TableScalar> Cursor<'a, T> {
         // Else the very last segment is closed: its phase is the whole.
     }
 
+    /// Position in the segment `part` of a tick after the current one. Where the next tick is in
+    /// the next segment it goes no farther than this one's end.
+    #[cold]
+    fn between(&self, part: u32) -> T {
+        let next = (self.phase + self.piece.segments).min(self.piece.ticks);
+        let [here, there] = [self.phase, next].map(|phase| T::fraction(phase, self.phase_unit));
+        let share = T::fraction(part, T::reciprocal_of(1 << 16));
+        let step = there.minus_in_range(here).times_in_range::<1>(share);
+        here.plus_in_range(step)
+    }
+
     /// A column's value at the current tick.
     #[inline]
     fn value(&self, cubic: &Cubic<T>, column: usize, u: T) -> T {
@@ -209,10 +220,15 @@ impl<'a, T: TableScalar> Cursor<'a, T> {
         }
     }
 
-    /// What the hybrid control law reads of it, of a cursor [`with_pose`](Self::with_pose).
+    /// What the hybrid control law reads of it, of a cursor [`with_pose`](Self::with_pose), `part`
+    /// of a tick, in units of 2^-16, after the current one.
     #[inline]
-    pub fn pose(&self) -> PoseSetpoint<T> {
-        let u = T::fraction(self.phase, self.phase_unit);
+    pub fn pose(&self, part: u32) -> PoseSetpoint<T> {
+        let u = if part == 0 {
+            T::fraction(self.phase, self.phase_unit)
+        } else {
+            self.between(part)
+        };
         let segment = &self.segment;
         PoseSetpoint {
             torque: [0, 1].map(|i| self.value(&segment.torque[i], COLUMN.torque[i], u)),

@@ -365,14 +365,24 @@ impl<'a> Table<'a> {
     /// at every row.
     pub fn torque_bound(&self) -> [f32; 2] {
         [0, 1].map(|column| {
-            let knots = self.rows.iter().map(|row| {
-                let (raw, _) = row.as_chunks::<4>();
-                let raw = raw.get(column).map_or([0; 4], |bytes| *bytes);
-                i32::from_le_bytes(raw).unsigned_abs()
-            });
-            let largest = f64::from(knots.max().unwrap_or(0));
+            let largest = f64::from(self.knot_bound(column));
             libm::ldexp(largest, -i32::from(self.header.scaling[column])) as f32
         })
+    }
+
+    /// Whether a contact force is planned anywhere. Looks at every row.
+    pub fn presses(&self) -> bool {
+        self.knot_bound(2) > 0
+    }
+
+    /// The largest magnitude of a column's integers.
+    fn knot_bound(&self, column: usize) -> u32 {
+        let knots = self.rows.iter().map(|row| {
+            let (raw, _) = row.as_chunks::<4>();
+            let raw = raw.get(column).map_or([0; 4], |bytes| *bytes);
+            i32::from_le_bytes(raw).unsigned_abs()
+        });
+        knots.max().unwrap_or(0)
     }
 
     /// The table's pieces, in order.

@@ -55,10 +55,10 @@ pub const CONVERSION_LEAD_COUNTS: u32 = 960;
 // --- Link ------------------------------------------------------------------------------
 
 /// Bytes of the receive queue: two of the longest frames.
-pub const RECEIVE_QUEUE: usize = 512;
+pub const RECEIVE_QUEUE: usize = 1024;
 /// Bytes of the transmit queue: two of the longest frames, and the one place that the
 /// queue keeps free.
-pub const TRANSMIT_QUEUE: usize = 512;
+pub const TRANSMIT_QUEUE: usize = 1024;
 
 // --- Watchdog ----------------------------------------------------------------------------
 

@@ -67,6 +67,14 @@ impl Scalar for Exact {
         Self(held(self.0 * other.0 * shift, count))
     }
 
+    fn over(self, other: Self, shift: f64, count: &mut u32) -> Self {
+        if other.0 == 0.0 {
+            Self(0.0)
+        } else {
+            Self(held(self.0 / (other.0 * shift), count))
+        }
+    }
+
     fn times_in_range<const UP: u32>(self, other: Self) -> Self {
         Self(self.0 * other.0 * libm::ldexp(1.0, UP as i32 - 1))
     }

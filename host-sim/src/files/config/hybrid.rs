@@ -3,13 +3,9 @@
 use super::ranges::accepted;
 use super::written::{line, number};
 use super::{Check, ConfigError, parse};
-use flexor::control::HybridParameters;
+use flexor::control::{FreeParameters, HybridParameters, MotionParameters};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
-
-/// Time to settle where a file leaves it out, s: the slowest pole is at -3 1/s, and what is left
-/// of the start's error after this is in the noise.
-const SETTLE_S: f64 = 2.0;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -38,7 +34,91 @@ struct HybridFile {
     #[serde(rename = "section_angle_Nm_rad")]
     section_angle: [f64; 2],
     section_force: [f64; 2],
+    free: FreeFile,
+    motion: Option<MotionFile>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FreeFile {
+    #[serde(rename = "stiffness_Nm_rad")]
+    stiffness: f64,
+    #[serde(rename = "damping_Nms_rad")]
+    damping: f64,
+    #[serde(rename = "torque_loop_per_s")]
+    torque_loop: f64,
+    #[serde(rename = "section_frequency_rad_s")]
+    section_frequency: f64,
+    section_damping: f64,
+    #[serde(rename = "section_angle_Nm_rad")]
+    section_angle: [f64; 2],
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+struct MotionFile {
     settle_s: Option<f64>,
+    approach_speed_m_s: Option<f64>,
+    approach_limit_m: Option<f64>,
+    contact_on_share: Option<f64>,
+    contact_off_share: Option<f64>,
+    force_ramp_per_s: Option<f64>,
+    lost_s: Option<f64>,
+    stop_s: Option<f64>,
+    lift_speed_m_s: Option<f64>,
+    lift_m: Option<f64>,
+}
+
+fn parse_free(check: &Check<'_>, read: &FreeFile) -> Result<FreeParameters, ConfigError> {
+    let value = |key: &str, value| check.value(&format!("free.{key}"), value);
+    Ok(FreeParameters {
+        stiffness_nm_rad: value("stiffness_Nm_rad", read.stiffness)?,
+        damping_nms_rad: value("damping_Nms_rad", read.damping)?,
+        torque_loop_per_s: value("torque_loop_per_s", read.torque_loop)?,
+        section_frequency_rad_s: value("section_frequency_rad_s", read.section_frequency)?,
+        section_damping: value("section_damping", read.section_damping)?,
+        section_angle_nm_rad: check.pair("free.section_angle_Nm_rad", read.section_angle)?,
+    })
+}
+
+fn parse_motion(check: &Check<'_>, read: &MotionFile) -> Result<MotionParameters, ConfigError> {
+    let or = |key: &str, value: Option<f64>, default: f64| {
+        let value = check.optional(&format!("motion.{key}"), value)?;
+        Ok::<f64, ConfigError>(value.unwrap_or(default))
+    };
+    let d = MotionParameters::DEFAULT;
+    Ok(MotionParameters {
+        settle_s: or("settle_s", read.settle_s, d.settle_s)?,
+        approach_speed_m_s: or(
+            "approach_speed_m_s",
+            read.approach_speed_m_s,
+            d.approach_speed_m_s,
+        )?,
+        approach_limit_m: or(
+            "approach_limit_m",
+            read.approach_limit_m,
+            d.approach_limit_m,
+        )?,
+        contact_on_share: or(
+            "contact_on_share",
+            read.contact_on_share,
+            d.contact_on_share,
+        )?,
+        contact_off_share: or(
+            "contact_off_share",
+            read.contact_off_share,
+            d.contact_off_share,
+        )?,
+        force_ramp_per_s: or(
+            "force_ramp_per_s",
+            read.force_ramp_per_s,
+            d.force_ramp_per_s,
+        )?,
+        lost_s: or("lost_s", read.lost_s, d.lost_s)?,
+        stop_s: or("stop_s", read.stop_s, d.stop_s)?,
+        lift_speed_m_s: or("lift_speed_m_s", read.lift_speed_m_s, d.lift_speed_m_s)?,
+        lift_m: or("lift_m", read.lift_m, d.lift_m)?,
+    })
 }
 
 /// Reads a file that is of the hybrid law.
@@ -75,9 +155,8 @@ pub(super) fn parse_hybrid(file: &str, text: &str) -> Result<HybridParameters, C
         section_damping: check.value("section_damping", read.section_damping)?,
         section_angle_nm_rad: check.pair("section_angle_Nm_rad", read.section_angle)?,
         section_force: check.pair("section_force", read.section_force)?,
-        settle_s: check
-            .optional("settle_s", read.settle_s)?
-            .unwrap_or(SETTLE_S),
+        free: parse_free(&check, &read.free)?,
+        motion: parse_motion(&check, &read.motion.unwrap_or_default())?,
     })
 }
 
@@ -124,8 +203,8 @@ fn joint_lines(law: &HybridParameters) -> [Line; 6] {
     ]
 }
 
-/// What concerns the force, and the start.
-fn force_lines(law: &HybridParameters) -> [Line; 8] {
+/// What concerns the force.
+fn force_lines(law: &HybridParameters) -> [Line; 7] {
     [
         (
             "force_integral_per_s",
@@ -162,12 +241,70 @@ fn force_lines(law: &HybridParameters) -> [Line; 8] {
             pair(law.section_force),
             "h: what the force error's moment feeds to it",
         ),
+    ]
+}
+
+/// Joint 2 in the air.
+fn free_lines(free: &FreeParameters) -> [Line; 6] {
+    let section = free.section_frequency_rad_s;
+    [
+        ("stiffness_Nm_rad", number(free.stiffness_nm_rad), "k2"),
+        ("damping_Nms_rad", number(free.damping_nms_rad), "B2"),
+        ("torque_loop_per_s", number(free.torque_loop_per_s), "K_T"),
+        ("section_frequency_rad_s", number(section), "w"),
+        ("section_damping", number(free.section_damping), "z"),
+        ("section_angle_Nm_rad", pair(free.section_angle_nm_rad), "g"),
+    ]
+}
+
+/// Contact made, kept, lost and left.
+fn motion_lines(m: &MotionParameters) -> [Line; 10] {
+    [
         (
             "settle_s",
-            number(law.settle_s),
-            "how long the first tick is held before the table begins",
+            m.settle_s,
+            "how long the first tick is held, pressing, before the table begins",
         ),
+        (
+            "approach_speed_m_s",
+            m.approach_speed_m_s,
+            "of the tip towards the surface",
+        ),
+        (
+            "approach_limit_m",
+            m.approach_limit_m,
+            "way after which an approach is given up",
+        ),
+        (
+            "contact_on_share",
+            m.contact_on_share,
+            "of the planned force: from there on there is contact",
+        ),
+        (
+            "contact_off_share",
+            m.contact_off_share,
+            "below it there is none",
+        ),
+        (
+            "force_ramp_per_s",
+            m.force_ramp_per_s,
+            "planned forces a second by which force is made and taken away",
+        ),
+        ("lost_s", m.lost_s, "time without contact that ends a run"),
+        ("stop_s", m.stop_s, "time in which the path comes to a stop"),
+        (
+            "lift_speed_m_s",
+            m.lift_speed_m_s,
+            "of the tip off the surface",
+        ),
+        ("lift_m", m.lift_m, "way by which it is lifted"),
     ]
+    .map(|(key, value, what)| (key, number(value), what))
+}
+
+fn add(text: &mut String, lines: &[Line]) {
+    let lines = lines.iter();
+    text.extend(lines.map(|(key, value, what)| line(&format!("{key} = {value}"), what)));
 }
 
 /// `law` as the text of a `controller.toml`; see [`super::controller_toml`].
@@ -176,7 +313,11 @@ pub(super) fn hybrid_toml(law: &HybridParameters, how: &[String]) -> String {
         String::from("# Gains of the hybrid law; docs/control.md says what each does.\n");
     text.extend(how.iter().map(|line| format!("# {line}\n")));
     text.push('\n');
-    let lines = joint_lines(law).into_iter().chain(force_lines(law));
-    text.extend(lines.map(|(key, value, what)| line(&format!("{key} = {value}"), what)));
+    add(&mut text, &joint_lines(law));
+    add(&mut text, &force_lines(law));
+    text.push_str("\n[free]   # joint 2 with the tip in the air\n");
+    add(&mut text, &free_lines(&law.free));
+    text.push_str("\n[motion]   # contact made, kept, lost and left\n");
+    add(&mut text, &motion_lines(&law.motion));
     text
 }

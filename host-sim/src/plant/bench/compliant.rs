@@ -541,4 +541,18 @@ impl CompliantParameters {
     ) -> Result<RestState, CompliantError> {
         rest::rest(self, model, along_m, force_n)
     }
+
+    /// The state in which the arm rests in the air, the tip `gap_m` (m) above its own surface: link
+    /// 1 at the angle `near[0]` (rad), link 2 near `near[1]`.
+    ///
+    /// # Errors
+    /// [`CompliantError`].
+    pub fn rest_above(
+        &self,
+        model: &ArmModel,
+        near: [f64; 2],
+        gap_m: f64,
+    ) -> Result<RestState, CompliantError> {
+        rest::above(self, model, near, gap_m)
+    }
 }

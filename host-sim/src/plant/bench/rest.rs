@@ -23,7 +23,43 @@ pub(super) fn rest(
         .inverse(tip, model.arm.elbow)
         .map_err(|problem| CompliantError::Unreachable { along_m, problem })?;
     let normal = SurfaceShape::<f64>::new(|_| surface).depth(tip).normal;
-    let pressed = normal.map(|n| n * force_n);
+    at(parameters, model, angle, normal.map(|n| n * force_n))
+}
+
+/// See [`CompliantParameters::rest_above`]. Newton's method in link 2's angle.
+pub(super) fn above(
+    parameters: &CompliantParameters,
+    model: &ArmModel,
+    near: [f64; 2],
+    gap_m: f64,
+) -> Result<RestState, CompliantError> {
+    let surface = &parameters.surface;
+    let shape = SurfaceShape::<f64>::new(|_| surface);
+    let arm = &model.arm;
+    let mut angle = near;
+    for _ in 0..50 {
+        let tip = model.kinematics.forward(angle);
+        let found = shape.depth(tip);
+        let off = found.depth + gap_m;
+        if off.abs() < 1e-13 {
+            return at(parameters, model, angle, [0.0; 2]);
+        }
+        let (sin, cos) = (libm::sin(angle[1]), libm::cos(angle[1]));
+        let turned = [-arm.link2_length_m * sin, arm.link2_length_m * cos];
+        let rate = found.normal[0] * turned[0] + found.normal[1] * turned[1];
+        angle[1] -= off / rate;
+    }
+    let along_m = surface.along(model.kinematics.forward(near));
+    Err(CompliantError::NoSurface { along_m })
+}
+
+/// At rest at these link angles (rad), the tip pressing with a force (N).
+fn at(
+    parameters: &CompliantParameters,
+    model: &ArmModel,
+    angle: [f64; 2],
+    pressed: [f64; 2],
+) -> Result<RestState, CompliantError> {
     let (q, on_link) = equilibrium(
         model,
         angle,

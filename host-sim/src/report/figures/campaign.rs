@@ -369,6 +369,7 @@ pub(in crate::report) fn percent(share: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::campaign::record::FIGURES;
     use crate::campaign::record::RunOutcome;
     use crate::campaign::verdict::Limits;
     use crate::report::testing::campaign_records;
@@ -440,7 +441,7 @@ mod tests {
             records
         };
         let set = |run: &mut RunRecord, outcome, value| {
-            run.figures = RunFigures::from_columns(outcome, [value; 10], 0);
+            run.figures = RunFigures::from_columns(outcome, [value; FIGURES], 0);
         };
         let cases = [
             changed(&|run| set(run, RunOutcome::Completed, 0.0)),

@@ -68,12 +68,23 @@ pub struct BenchArm {
     pub parameters: CompliantParameters,
     /// Its sensors.
     pub sensors: SensorParameters,
-    /// Where it starts: at rest on its own surface.
+    /// Where it starts: at rest on its own surface, or above it.
     pub start: RestState,
+    /// How much of a run there is besides the table.
+    pub course: Course,
     /// What goes wrong, and when.
     pub faults: Vec<TimedFault>,
     /// Seed of its noise.
     pub seed: u64,
+}
+
+/// How much of a run there is before and after the table.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Course {
+    /// Distance of the tip above the surface where the run starts, m; `None` pressing.
+    pub gap_m: Option<f64>,
+    /// Time for which it goes on after the table, s.
+    pub after_s: f64,
 }
 
 /// Steps a control period that are given, each times a power of two.
@@ -94,13 +105,17 @@ impl BenchArm {
         elements: usize,
         mut parameters: CompliantParameters,
         sensors: SensorParameters,
+        course: Course,
     ) -> Result<Self, BenchError> {
         // Before the choice of the step, which knows no rotor without a mass.
         parameters.check_rotors()?;
         let model = parameters.model(arm, elements)?;
         let first = &plan.points[0];
         let along_m = parameters.surface.along(first.tip.position);
-        let start = parameters.rest(&model, along_m, plan.task.normal_force)?;
+        let start = match course.gap_m {
+            None => parameters.rest(&model, along_m, plan.task.normal_force)?,
+            Some(gap_m) => parameters.rest_above(&model, first.joint.angle, gap_m)?,
+        };
         if parameters.substeps.is_none() {
             let needed = CompliantArm {
                 model: &model,
@@ -115,6 +130,7 @@ impl BenchArm {
             parameters,
             sensors,
             start,
+            course,
             faults: vec![],
             seed: 0,
         })
@@ -129,6 +145,15 @@ impl BenchArm {
             elements: self.model.elements,
             geometric_stiffness: p.geometric_stiffness,
             play: p.joints.map(|joint| joint.play.is_some()),
+        }
+    }
+
+    /// Torques that its drives are given before it is enabled, N m: pressing, the plan's first ones,
+    /// and in the air those that hold it.
+    pub(super) fn held(&self, plan: &Plan) -> [f64; 2] {
+        match self.course.gap_m {
+            None => plan.points[0].torque,
+            Some(_) => self.start.torque,
         }
     }
 

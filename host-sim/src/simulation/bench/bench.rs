@@ -9,6 +9,7 @@ use crate::simulation::bench::lane::Lane;
 use flexor::control::{Controller, LawParameters, LimitParameters};
 use flexor::fault::Fault;
 use flexor::link::{RawSample, Refusal};
+use flexor::phase::Phase;
 use flexor::signals::Saturation;
 use flexor::supervisor::ControllerParameters;
 use flexor::table::Table;
@@ -33,7 +34,8 @@ pub struct BenchTask<'a> {
 /// An arm and its board at one tick, before the tick's command acts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BenchRow {
-    /// Time from the path's start, s.
+    /// Time from the path's start, s, of a run that starts pressing; of one that starts above the
+    /// surface, time from enabling.
     pub t: f64,
     /// The arm as it is.
     pub reading: CompliantReading,
@@ -53,8 +55,10 @@ pub struct BenchRow {
     pub integral: f64,
     /// What the drives tend to until the next tick, N m.
     pub target: [f64; 2],
-    /// The fault that the board has latched.
+    /// The fault that the board has latched, or for which it has given up the run.
     pub fault: Option<Fault>,
+    /// Where the run is.
+    pub phase: Phase,
 }
 
 impl BenchRow {
@@ -75,10 +79,14 @@ fn diverged(reading: &CompliantReading) -> bool {
     !(sound && reading.root_slope.is_finite())
 }
 
-/// Runs the `arms` along the task's plan, side by side, each from the plan's start, pressing, with
-/// as much time as the law takes to settle there. That time is before the run: no figure and no
-/// log holds it, but a fault or divergence in it ends the run. `observe` is shown every tick of every
-/// arm, with the arm's number, which is that of its lane in the plant, until it diverges.
+/// Longest time from enabling until the table begins, s; a run that takes longer is given up.
+const BEFORE_MAX_S: f64 = 20.0;
+
+/// Runs the `arms` along the task's plan, side by side, each from its start: pressing where the
+/// plan begins, or above it. Figures and rows of a run that starts pressing begin with the table, as
+/// long as the law takes to settle there; a fault or divergence before ends it. A run that starts
+/// above the surface has rows from enabling on. `observe` is shown every such tick of every arm, with
+/// the arm's number, which is that of its lane in the plant, until it diverges.
 ///
 /// There may be fewer arms than `T` has lanes. Each one's bits are those that it has alone, if all
 /// have the same [`BenchArm::kind`].
@@ -102,58 +110,141 @@ pub fn run<T: Lanes>(
     let mut plant = CompliantPlant::<T>::new(&lanes, period_s, &poses(plan))?;
 
     let mut places: Vec<_> = arms.iter().map(|_| [None, None]).collect();
-    let mut boards = boards(task, arms, &plant.outputs(), &mut places)?;
-    let planned = plan.points[0].torque;
-    let mut tallies = vec![Tally::new(task.failure, plan); arms.len()];
-    let mut over = vec![false; arms.len()];
-    let mut targets = vec![planned; T::LANES];
-
-    let settling = task.law.settle_ticks(plan.tick_rate_hz) as usize;
-    for tick in 0..settling + plan.points.len() {
+    let boards = boards(task, arms, &plant.outputs(), &mut places)?;
+    let mut targets: Vec<[f64; 2]> = (0..T::LANES)
+        .map(|i| arms.get(i).unwrap_or(&arms[0]).held(plan))
+        .collect();
+    let mut runs: Vec<Run<'_>> = boards
+        .into_iter()
+        .zip(arms)
+        .map(|(board, arm)| Run::new(task, board, arm))
+        .collect();
+    for tick in 0.. {
         if tick > 0 {
             plant.advance([0, 1].map(|j| T::from_lanes(|i| targets[i][j])));
         }
-        // While the law settles, the table stands at its first tick.
-        let point = &plan.points[tick.saturating_sub(settling)];
-        let t = point.t - settling.saturating_sub(tick) as f64 * period_s;
         let outputs = plant.outputs();
-        for i in 0..arms.len() {
-            let reading = outputs.lane(i);
-            if !over[i] && diverged(&reading) {
-                tallies[i].diverge();
-                over[i] = true;
+        for (i, run) in runs.iter_mut().enumerate() {
+            if let Some((row, shown)) = run.tick(tick, &outputs.lane(i)) {
+                targets[i] = row.target;
+                if shown {
+                    observe(i, &row, &plant);
+                }
             }
-            if over[i] {
-                continue;
-            }
-            let given = boards[i].tick(t, &reading);
-            targets[i] = given.target;
-            if tick < settling {
-                tallies[i].settle(t, given.fault);
-                continue;
-            }
-            let surface = &arms[i].parameters.surface;
-            let row = BenchRow {
-                t,
-                reading,
-                sample: given.sample,
-                tip_reference: point.tip.position,
-                force_reference: plan.task.normal_force,
-                along_error: surface.along(reading.tip) - surface.along(point.tip.position),
-                torque: given.torque,
-                saturation: given.saturation,
-                integral: given.integral,
-                target: given.target,
-                fault: given.fault,
-            };
-            tallies[i].add(&row);
-            observe(i, &row, &plant);
         }
-        if over.iter().all(|over| *over) {
+        if runs.iter().all(|run| run.over) {
             break;
         }
     }
-    Ok(tallies.into_iter().map(Tally::finish).collect())
+    Ok(runs.into_iter().map(|run| run.tally.finish()).collect())
+}
+
+/// One arm's run. Times are ticks since enabling.
+struct Run<'a> {
+    task: &'a BenchTask<'a>,
+    arm: &'a BenchArm,
+    board: Lane<'a>,
+    tally: Tally,
+    /// When the table began, and when it was left.
+    begun: Option<usize>,
+    left: Option<usize>,
+    over: bool,
+}
+
+impl<'a> Run<'a> {
+    fn new(task: &'a BenchTask<'a>, board: Lane<'a>, arm: &'a BenchArm) -> Self {
+        Self {
+            task,
+            arm,
+            board,
+            tally: Tally::new(task.failure, task.plan),
+            begun: None,
+            left: None,
+            over: false,
+        }
+    }
+
+    /// A tick with the arm as `reading` says: what it gave, and whether it is to be shown; `None`
+    /// once the run is over.
+    fn tick(&mut self, tick: usize, reading: &CompliantReading) -> Option<(BenchRow, bool)> {
+        if !self.over && diverged(reading) {
+            self.tally.diverge();
+            self.over = true;
+        }
+        if self.over {
+            return None;
+        }
+        let plan = self.task.plan;
+        let period_s = period_s(plan);
+        let (first_s, last) = (plan.points[0].t, plan.points.len() - 1);
+        let since_s = tick as f64 * period_s;
+        // Until the table begins the plan's time is before its first.
+        let plan_s = |begun: Option<usize>| match begun {
+            Some(begun) => first_s + (tick - begun) as f64 * period_s,
+            None => {
+                let settling = f64::from(self.task.law.settle_ticks(plan.tick_rate_hz));
+                (first_s - settling * period_s + since_s).min(first_s - period_s)
+            }
+        };
+        // The tick with which the table begins is on it.
+        let given = self.board.tick(plan_s(self.begun), reading);
+        if given.begun && self.begun.is_none() {
+            self.begun = Some(tick);
+        }
+        let point = &plan.points[self.begun.map_or(0, |begun| (tick - begun).min(last))];
+        let surface = &self.arm.parameters.surface;
+        let above = self.arm.course.gap_m.is_some();
+        let row = BenchRow {
+            t: if above { since_s } else { plan_s(self.begun) },
+            reading: *reading,
+            sample: given.sample,
+            tip_reference: point.tip.position,
+            force_reference: plan.task.normal_force,
+            along_error: surface.along(reading.tip) - surface.along(point.tip.position),
+            torque: given.torque,
+            saturation: given.saturation,
+            integral: given.integral,
+            target: given.target,
+            fault: given.fault,
+            phase: given.phase,
+        };
+        let shown = above || self.begun.is_some();
+        self.count(tick, &row, last);
+        Some((row, shown))
+    }
+
+    /// Takes a tick into the figures; says when the run is over. The plan has `last` ticks.
+    fn count(&mut self, tick: usize, row: &BenchRow, last: usize) {
+        let period_s = period_s(self.task.plan);
+        let since_s = tick as f64 * period_s;
+        let leaves = matches!(row.phase, Phase::Retract | Phase::Hold);
+        let Some(begun) = self.begun else {
+            self.tally.before(row, since_s);
+            if since_s >= BEFORE_MAX_S {
+                self.tally.give_up();
+                self.over = true;
+            }
+            // Given up, or switched off.
+            self.over |= leaves || row.fault.is_some();
+            return;
+        };
+        let ended = tick - begun >= last;
+        if self.left.is_none() {
+            // The last tick of the table is on it, though it is the first of leaving.
+            if ended || !leaves {
+                self.tally.add(row);
+            }
+            if leaves || ended {
+                self.left = Some(tick);
+            }
+        }
+        if let Some(left) = self.left {
+            let after_s = (tick - left) as f64 * period_s;
+            let along_m = self.arm.parameters.surface.along(row.reading.tip);
+            self.tally.after(row, along_m, after_s);
+            self.over = after_s >= self.arm.course.after_s;
+        }
+    }
 }
 
 /// The boards of `arms`, which are as `outputs` says, each enabled. `places` are where their
@@ -172,7 +263,7 @@ fn boards<'a, T: Lanes>(
     };
     let table = Table::open(task.image)?;
     let first_row = table.cursor::<f32>().row();
-    let planned = (plan.points[0].torque, &first_row);
+
     let mut boards = Vec::with_capacity(arms.len());
     for ((i, arm), places) in arms.iter().enumerate().zip(places) {
         let inside = (parameters.controller(&table)?, places);
@@ -182,7 +273,9 @@ fn boards<'a, T: Lanes>(
             calibration: task.board.calibration.for_arm(&arm.model.arm),
             ..*task.board
         };
-        boards.push(Lane::new(arm, &board, inside, &first, planned, rate));
+        // Brakes hold the arm until it is enabled, and its drives have what holds it.
+        let held = (arm.held(plan), &first_row);
+        boards.push(Lane::new(arm, &board, inside, &first, held, rate));
     }
     Ok(boards)
 }

@@ -5,7 +5,11 @@ use super::arm::period_s;
 use crate::planner::plan::Plan;
 use crate::simulation::closed_loop::{Outcome, tip_error_limit_m};
 use flexor::fault::Fault;
+use flexor::phase::Phase;
 use flexor::signals::Saturation;
+
+/// Time after leaving the table at which the tip's speed is a figure, s.
+const SPEED_AFTER_S: f64 = 1.0;
 
 /// From which error on a run counts as failed; where nothing is given, by the task's own size.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -58,7 +62,24 @@ pub struct RunFigures {
     pub limited_ticks: u32,
     /// Time at which the run ended, from the path's start, s.
     pub ended_s: f64,
+    /// Largest contact force of the approach, N: the impact.
+    pub approach_force_max_n: f64,
+    /// Time from enabling until the law pressed, s.
+    pub touched_s: f64,
+    /// Time from enabling until the table began, s.
+    pub begun_s: f64,
+    /// Losses of contact before the table began.
+    pub before_losses: f64,
+    /// Largest contact force from the retraction's begin on, N.
+    pub after_force_max_n: f64,
+    /// Largest way of the tip along the surface in the second after it, m.
+    pub after_way_m: f64,
+    /// Speed of the tip 1 s after it, m/s.
+    pub after_speed_m_s: f64,
 }
+
+/// How many figures of a run are real numbers.
+pub const FIGURES: usize = 17;
 
 /// A figure of every run that has a unit: its name in files, and where it is in
 /// [`RunFigures`].
@@ -66,7 +87,7 @@ pub type Figure = (&'static str, fn(&RunFigures) -> f64);
 
 impl RunFigures {
     /// The figures that are real numbers, in the order of the files' columns.
-    pub const COLUMNS: [Figure; 10] = [
+    pub const COLUMNS: [Figure; FIGURES] = [
         ("force_error_rms_N", |f| f.force_error_rms_n),
         ("force_error_max_N", |f| f.force_error_max_n),
         ("along_error_rms_m", |f| f.along_error_rms_m),
@@ -77,10 +98,17 @@ impl RunFigures {
         ("torque1_max_Nm", |f| f.torque_max_nm[0]),
         ("torque2_max_Nm", |f| f.torque_max_nm[1]),
         ("ended_s", |f| f.ended_s),
+        ("approach_force_max_N", |f| f.approach_force_max_n),
+        ("touched_s", |f| f.touched_s),
+        ("begun_s", |f| f.begun_s),
+        ("before_losses", |f| f.before_losses),
+        ("after_force_max_N", |f| f.after_force_max_n),
+        ("after_way_m", |f| f.after_way_m),
+        ("after_speed_m_s", |f| f.after_speed_m_s),
     ];
 
     /// The figures of these values in the order of [`COLUMNS`](Self::COLUMNS).
-    pub fn from_columns(outcome: Outcome, values: [f64; 10], limited_ticks: u32) -> Self {
+    pub fn from_columns(outcome: Outcome, values: [f64; FIGURES], limited_ticks: u32) -> Self {
         let [
             force_error_rms_n,
             force_error_max_n,
@@ -92,6 +120,13 @@ impl RunFigures {
             torque1_max_nm,
             torque2_max_nm,
             ended_s,
+            approach_force_max_n,
+            touched_s,
+            begun_s,
+            before_losses,
+            after_force_max_n,
+            after_way_m,
+            after_speed_m_s,
         ] = values;
         Self {
             outcome,
@@ -105,6 +140,13 @@ impl RunFigures {
             torque_max_nm: [torque1_max_nm, torque2_max_nm],
             limited_ticks,
             ended_s,
+            approach_force_max_n,
+            touched_s,
+            begun_s,
+            before_losses,
+            after_force_max_n,
+            after_way_m,
+            after_speed_m_s,
         }
     }
 }
@@ -122,14 +164,21 @@ pub(super) struct Tally {
     lost_longest: u32,
     lost_now: u32,
     diverged: bool,
+    not_begun: bool,
     fault: Option<Fault>,
+    /// Before the table: contact was lost, or the law pressed, at the tick before.
+    lost_before: bool,
+    touched: bool,
+    /// After the table: place along the surface where it was left, and the tip at the tick before, m.
+    left_at: Option<f64>,
+    tip_before: Option<[f64; 2]>,
     figures: RunFigures,
 }
 
 impl Tally {
     /// Nothing has happened yet on `plan`.
     pub(super) fn new(limits: &FailureLimits, plan: &Plan) -> Self {
-        let zeros = [0.0; RunFigures::COLUMNS.len()];
+        let zeros = [0.0; FIGURES];
         Self {
             limits: limits.of(plan),
             period_s: period_s(plan),
@@ -140,7 +189,12 @@ impl Tally {
             lost_longest: 0,
             lost_now: 0,
             diverged: false,
+            not_begun: false,
             fault: None,
+            lost_before: false,
+            touched: false,
+            left_at: None,
+            tip_before: None,
             figures: RunFigures::from_columns(Outcome::Completed, zeros, 0),
         }
     }
@@ -171,10 +225,50 @@ impl Tally {
         self.fault = self.fault.or(row.fault);
     }
 
-    /// A tick at `t` (s) of the time in which the law settles.
-    pub(super) fn settle(&mut self, t: f64, fault: Option<Fault>) {
-        self.figures.ended_s = t;
-        self.fault = self.fault.or(fault);
+    /// A tick before the table begins, `since_s` after enabling: the arm, and where the run is.
+    pub(super) fn before(&mut self, row: &BenchRow, since_s: f64) {
+        let figures = &mut self.figures;
+        figures.ended_s = row.t;
+        figures.approach_force_max_n = if row.phase == Phase::Approach {
+            figures.approach_force_max_n.max(row.reading.force)
+        } else {
+            figures.approach_force_max_n
+        };
+        let lost = row.phase == Phase::Lost;
+        if lost && !self.lost_before {
+            figures.before_losses += 1.0;
+        }
+        self.lost_before = lost;
+        if row.phase != Phase::Contact {
+            self.touched = false;
+        } else if !self.touched {
+            self.touched = true;
+            figures.touched_s = since_s;
+        }
+        figures.begun_s = since_s + self.period_s;
+        self.fault = self.fault.or(row.fault);
+    }
+
+    /// The table has not begun in time.
+    pub(super) fn give_up(&mut self) {
+        self.not_begun = true;
+    }
+
+    /// A tick after the table was left, `since_s` after that.
+    pub(super) fn after(&mut self, row: &BenchRow, along_m: f64, since_s: f64) {
+        let figures = &mut self.figures;
+        let left_at = *self.left_at.get_or_insert(along_m);
+        figures.after_force_max_n = figures.after_force_max_n.max(row.reading.force);
+        if since_s <= SPEED_AFTER_S {
+            figures.after_way_m = figures.after_way_m.max((along_m - left_at).abs());
+            let tip = row.reading.tip;
+            if let Some(before) = self.tip_before {
+                let way = libm::hypot(tip[0] - before[0], tip[1] - before[1]);
+                figures.after_speed_m_s = way / self.period_s;
+            }
+            self.tip_before = Some(tip);
+        }
+        self.fault = self.fault.or(row.fault);
     }
 
     /// The state has become infinite, undefined or absurd: there is nothing more to add.
@@ -194,6 +288,8 @@ impl Tally {
             Outcome::Fault(fault)
         } else if self.diverged {
             Outcome::Diverged
+        } else if self.not_begun {
+            Outcome::NotBegun
         } else if figures.along_error_max_m > self.limits[0] {
             Outcome::TipOffPath
         } else if figures.force_error_max_n > self.limits[1] {

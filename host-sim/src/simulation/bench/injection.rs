@@ -44,6 +44,10 @@ pub enum FaultKind {
     TickOverrun,
     /// The host is silent.
     LinkLost,
+    /// No fault: the operator ends the run.
+    Retract,
+    /// No fault: the operator lets the table stand.
+    Pause,
 }
 
 /// An analog channel.
@@ -153,6 +157,8 @@ pub const FAULT_NAMES: &[FaultName] = {
         N::plain("ticks_lost", |_| F::TicksLost),
         N::plain("tick_overrun", |_| F::TickOverrun),
         N::plain("link_lost", |_| F::LinkLost),
+        N::plain("retract", |_| F::Retract),
+        N::plain("pause", |_| F::Pause),
     ]
 };
 

@@ -6,6 +6,7 @@ use crate::simulation::bench::injection::{FaultKind, Injection};
 use flexor::control::Controller;
 use flexor::fault::Fault;
 use flexor::link::{Interlocks, RawSample, Refusal};
+use flexor::phase::Phase;
 use flexor::signals::{Reference, Saturation};
 use flexor::supervisor::{ControllerSlot, DriveScale, MemoryBoard, Supervisor, check_enable};
 
@@ -18,8 +19,12 @@ pub(super) struct BoardTick {
     pub(super) torque: [f64; 2],
     /// How they were limited, by the board or by the drives, which do not tell it.
     pub(super) saturation: [Saturation; 2],
-    /// The latched fault.
+    /// The latched fault, or what the run was given up for with the drives on.
     pub(super) fault: Option<Fault>,
+    /// Where the run is.
+    pub(super) phase: Phase,
+    /// Whether the table has begun.
+    pub(super) begun: bool,
     /// What the law's integral holds, N.
     pub(super) integral: f64,
     /// What the drives tend to until the next tick, N m.
@@ -140,9 +145,14 @@ impl<'a> Lane<'a> {
             if !self.injection.has(FaultKind::LinkLost) {
                 self.supervisor.link_alive();
             }
+            self.supervisor.pause(self.injection.has(FaultKind::Pause));
+            if self.injection.has(FaultKind::Retract) {
+                self.supervisor.retract();
+            }
             self.supervisor.tick(&mut self.board);
         }
         let reply = self.supervisor.last_reply();
+        let controller = self.supervisor.controller();
         let command = self.board.torque;
         // A drive that is disabled gives no torque; one that is enabled what its count says.
         let torque = [0, 1].map(|i| {
@@ -164,11 +174,11 @@ impl<'a> Lane<'a> {
             sample,
             torque: command.map_or([0.0; 2], |torque| torque.map(f64::from)),
             saturation,
-            fault: self.supervisor.status().fault,
-            integral: self
-                .supervisor
-                .controller()
-                .map_or(0.0, |controller| f64::from(controller.force_integral())),
+            fault: (self.supervisor.status().fault)
+                .or(controller.and_then(Controller::retract_cause)),
+            phase: controller.map_or(Phase::Hold, Controller::phase),
+            begun: controller.is_some_and(Controller::begun),
+            integral: controller.map_or(0.0, |controller| f64::from(controller.force_integral())),
             target: self.target,
         }
     }

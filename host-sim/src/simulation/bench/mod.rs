@@ -28,8 +28,8 @@ mod injection;
 mod lane;
 mod log;
 
-pub use arm::{ArmKind, BenchArm, BenchBoard, BenchError};
+pub use arm::{ArmKind, BenchArm, BenchBoard, BenchError, Course};
 pub use bench::{BenchRow, BenchTask, refusal, run};
-pub use figures::{FailureLimits, Figure, RunFigures};
+pub use figures::{FIGURES, FailureLimits, Figure, RunFigures};
 pub use injection::{AnalogChannel, AnalogFault, FAULT_NAMES, FaultKind, FaultName, TimedFault};
 pub use log::BenchLog;
