@@ -140,7 +140,7 @@ fn compared(
         let sets = [*sets, &[&task, &gauge_set]].concat();
         let file = example("scenarios/nominal.toml");
         let bench = match gauge {
-            "hybrid" => OnBench::new(&file, &sets),
+            "hybrid" => OnBench::new(&file, &sets).unmonitored(),
             _ => OnBench::paper(&file, &sets),
         };
         let runs = bench.runs(1, &[0, 1, 2, 3, 4]);

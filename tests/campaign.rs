@@ -691,7 +691,7 @@ fn what_a_board_would_not_do_is_said() {
     assert_eq!(output.status.code(), Some(2));
     assert!(text(&output.stderr).contains("--shard 5/10"));
     // A drive weaker than the board's is seen in the log, which the board does not tell.
-    let weak = run(&["--set", "drive1.limit_Nm=5.0"]);
+    let weak = run(&["--set", "drive1.limit_Nm=10.8"]);
     let weak: Value = serde_json::from_slice(&weak.stdout).unwrap();
     assert!(weak["limited_ticks"].as_u64().unwrap() > 1000);
 }

@@ -6,11 +6,13 @@
 
 use flexor::control::{LawParameters, LimitParameters, PaperParameters};
 use flexor::model::ArmParameters;
+use flexor::supervisor::MonitorParameters;
 use flexor_sim::campaign::engine::Campaign;
 use flexor_sim::campaign::record::RunRecord;
 use flexor_sim::files::config;
 use flexor_sim::files::config::ScenarioConfig;
 use flexor_sim::planner::limits::default_limits;
+use flexor_sim::planner::monitors::default_monitors;
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::table_fit;
 use flexor_sim::planner::table_fit::EncodedTable;
@@ -126,6 +128,8 @@ pub struct OnBench {
     pub law: LawParameters,
     /// The torque limits.
     pub limits: LimitParameters,
+    /// Thresholds of the monitors.
+    pub monitors: MonitorParameters,
     /// The board.
     pub board: BenchBoard,
 }
@@ -161,9 +165,11 @@ impl OnBench {
             let force = plan.task.normal_force;
             board = board.fitted(plan.peaks.torque, force, slope).0;
         }
+        let law = law.expect("gains");
         Self {
             image: table_fit::fit_table(&plan).expect("a table").image,
-            law: law.expect("gains"),
+            monitors: default_monitors(&plan, &law),
+            law,
             limits: arm.limits.unwrap_or_else(|| default_limits(&plan)),
             board: BenchBoard::from(&board),
             config,
@@ -171,14 +177,24 @@ impl OnBench {
         }
     }
 
-    /// The same with the example's gains of the paper's law.
+    /// The same without monitors: to see what becomes of an arm that nothing stops.
+    #[must_use]
+    pub fn unmonitored(self) -> Self {
+        Self {
+            monitors: MonitorParameters::NONE,
+            ..self
+        }
+    }
+
+    /// The same with the example's gains of the paper's law, and no monitor: it is there to be
+    /// compared with simulators that stop no arm.
     ///
     /// # Panics
     /// As [`new`](Self::new).
     pub fn paper(file: &Path, sets: &[&str]) -> Self {
         Self {
             law: paper_law().into(),
-            ..Self::new(file, sets)
+            ..Self::new(file, sets).unmonitored()
         }
     }
 
@@ -189,6 +205,7 @@ impl OnBench {
             image: &self.image,
             law: &self.law,
             limits: &self.limits,
+            monitors: &self.monitors,
             board: &self.board,
             failure: &self.config.scenario.failure,
         }

@@ -7,7 +7,7 @@ use flexor::link::{
     ClockSource, FRAME_MAX, Mode, RawSample, Refusal, Reply, Request, Setup, StartReason, encode,
 };
 use flexor::signals::Measurement;
-use flexor::supervisor::{ControllerParameters, Sensing};
+use flexor::supervisor::{ControllerParameters, MonitorParameters, Sensing};
 use flexor::table::{Slot, SlotError};
 use flexor_sim::files::config::{DEFAULT_BOARD, parse_board};
 use flexor_sim::target::pil::compare_any;
@@ -37,6 +37,7 @@ fn parameters() -> ControllerParameters {
             torque_nm: [40.0, 4.0],
             torque_rate_nm_s: [4000.0, 400.0],
         },
+        monitors: MonitorParameters::NONE,
     }
 }
 

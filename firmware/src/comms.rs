@@ -1,14 +1,14 @@
 //! Answers the host's requests, in the main loop.
 
 use crate::board::Clocks;
-use crate::board::constants::{DRIVE_LIMIT_NM, SAFETY, TICK_RATE_HZ};
+use crate::board::constants::{CALIBRATION, DRIVE_LIMIT_NM, SAFETY, TICK_RATE_HZ};
 use crate::{flash_slots, identity, log, stack};
 use flexor::link::{
     FRAME_MAX, FrameErrors, Identity, Mode, Refusal, Reply, Request, Setup, StartReason, Status,
     encode,
 };
 use flexor::supervisor::{
-    ControllerParameters, ControllerSlot, Supervisor, SupervisorStatus, check_enable,
+    ControllerParameters, ControllerSlot, Monitors, Supervisor, SupervisorStatus, check_enable,
     check_torque_bound, select_table,
 };
 use flexor::table::{Slot, Table, TableIdentity};
@@ -185,7 +185,8 @@ impl Comms {
         let controller = parameters
             .controller(table)
             .map_err(|error| Refusal::Table(error.into()))?;
-        self.prepared.put(controller);
+        let monitors = Monitors::new(&parameters.monitors, &CALIBRATION, TICK_RATE_HZ);
+        self.prepared.put(controller, monitors);
         Ok(())
     }
 }

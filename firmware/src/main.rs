@@ -43,9 +43,8 @@ mod app {
     use crate::comms::{Comms, LineErrors};
     use crate::{calibrate, comms, crash_record, flash_slots, log, stack};
     use cortex_m::peripheral::syst::SystClkSource;
-    use flexor::control::Controller;
     use flexor::link::{FRAME_MAX, Mode, Receiver, Reply, Request};
-    use flexor::supervisor::{ControllerSlot, Supervisor};
+    use flexor::supervisor::{ControllerSlot, MonitoredController, Supervisor};
     use heapless::spsc::{Consumer, Producer, Queue};
     use stm32f4xx_hal::pac::Interrupt;
 
@@ -71,8 +70,8 @@ mod app {
     #[init(local = [
         receive: Queue<u8, RECEIVE_QUEUE> = Queue::new(),
         transmit: Queue<u8, TRANSMIT_QUEUE> = Queue::new(),
-        running: Option<Controller<'static, f32>> = None,
-        prepared: Option<Controller<'static, f32>> = None,
+        running: Option<MonitoredController<'static>> = None,
+        prepared: Option<MonitoredController<'static>> = None,
     ])]
     fn init(context: init::Context) -> (Shared, Local) {
         stack::paint();

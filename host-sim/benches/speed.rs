@@ -7,6 +7,7 @@ use flexor_sim::files::config;
 use flexor_sim::model::configuration::Surface;
 use flexor_sim::model::geometric_stiffness::GeometricStiffness;
 use flexor_sim::planner::limits::default_limits;
+use flexor_sim::planner::monitors::default_monitors;
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::table_fit;
 use flexor_sim::plant::PlantParameters;
@@ -155,6 +156,7 @@ fn campaign_2_s<T: Lanes>(bencher: divan::Bencher<'_, '_>) {
         image: &image,
         law: &law,
         limits: &default_limits(&plan),
+        monitors: &default_monitors(&plan, &law),
         board: &BenchBoard::from(&board.parameters),
         failure: &FailureLimits::default(),
     };

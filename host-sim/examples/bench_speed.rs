@@ -8,6 +8,7 @@ use flexor_sim::files::config::{
     parse_controller, parse_task,
 };
 use flexor_sim::planner::limits::default_limits;
+use flexor_sim::planner::monitors::default_monitors;
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::table_fit::fit_table;
 use flexor_sim::plant::bench::F64x4;
@@ -36,6 +37,7 @@ fn main() -> Result<()> {
         image: &image,
         law: &law,
         limits: &default_limits(&plan),
+        monitors: &default_monitors(&plan, &law),
         board: &board,
         failure: &FailureLimits::default(),
     };

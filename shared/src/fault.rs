@@ -1,5 +1,5 @@
-//! Why the controller, or the supervisor around it, gives up: numbers and names that logs,
-//! links and summaries carry.
+//! Why the controller, or the supervisor around it, gives up, and what is done about it: numbers
+//! and names that logs, links and summaries carry.
 
 use core::fmt;
 use serde::{Deserialize, Serialize};
@@ -26,17 +26,69 @@ pub enum Fault {
     LinkTimeout = 20,
     /// A converter is at its rail: a wire is broken, or more is measured than its range.
     SensorRange = 21,
+    /// More than a control period has passed since the tick before.
+    TicksLost = 22,
     /// An approach found no surface, or could not stay on it.
     NoContact = 32,
     /// The force on the surface did not come near the plan's before the table.
     ForceNotReached = 33,
     /// Contact was lost for too long.
     ContactNotRegained = 34,
+    /// A motor's angle is too far from the planned one.
+    PathDeviation = 48,
+    /// A motor turns faster than the plan ever does.
+    JointSpeed = 49,
+    /// An encoder's count stepped farther than the motor can turn in a tick.
+    EncoderStep = 50,
+    /// An encoder shows no motion where there must be one: its cable is out, or the joint is jammed.
+    EncoderFrozen = 51,
+    /// The root moment is not the one that the law makes.
+    RootMoment = 52,
+    /// Root moment and contact force contradict each other.
+    ForceBalance = 53,
+    /// The contact force is too far from the planned one.
+    ForceBand = 54,
+    /// A converter's count stands still while the arm moves.
+    SensorFrozen = 55,
+    /// A stop was ordered, and a motor turns too fast all the same.
+    StopNotObeyed = 56,
+}
+
+/// What is done about a fault, from the mildest to the hardest: by what still works.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Reaction {
+    /// The motion goes on; the cause may pass, and is shown.
+    Limit,
+    /// The table stops, the arm stands where it is, drives on, until the operator decides.
+    Hold,
+    /// A controlled stop, by the motors' encoders alone; then as [`Hold`](Self::Hold).
+    Stop,
+    /// Torques zero and drives disabled, in the same tick.
+    Off,
+}
+
+impl Reaction {
+    /// Stable name in snake case.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Limit => "limit",
+            Self::Hold => "hold",
+            Self::Stop => "stop",
+            Self::Off => "off",
+        }
+    }
+}
+
+impl fmt::Display for Reaction {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
 }
 
 impl Fault {
     /// Every fault.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 21] = [
         Self::MeasurementNotFinite,
         Self::TorqueNotFinite,
         Self::EmergencyStop,
@@ -45,9 +97,19 @@ impl Fault {
         Self::TickOverrun,
         Self::LinkTimeout,
         Self::SensorRange,
+        Self::TicksLost,
         Self::NoContact,
         Self::ForceNotReached,
         Self::ContactNotRegained,
+        Self::PathDeviation,
+        Self::JointSpeed,
+        Self::EncoderStep,
+        Self::EncoderFrozen,
+        Self::RootMoment,
+        Self::ForceBalance,
+        Self::ForceBand,
+        Self::SensorFrozen,
+        Self::StopNotObeyed,
     ];
 
     /// Stable number; 0 is left for "none".
@@ -66,9 +128,47 @@ impl Fault {
             Self::TickOverrun => "tick_overrun",
             Self::LinkTimeout => "link_timeout",
             Self::SensorRange => "sensor_range",
+            Self::TicksLost => "ticks_lost",
             Self::NoContact => "no_contact",
             Self::ForceNotReached => "force_not_reached",
             Self::ContactNotRegained => "contact_not_regained",
+            Self::PathDeviation => "path_deviation",
+            Self::JointSpeed => "joint_speed",
+            Self::EncoderStep => "encoder_step",
+            Self::EncoderFrozen => "encoder_frozen",
+            Self::RootMoment => "root_moment",
+            Self::ForceBalance => "force_balance",
+            Self::ForceBand => "force_band",
+            Self::SensorFrozen => "sensor_frozen",
+            Self::StopNotObeyed => "stop_not_obeyed",
+        }
+    }
+
+    /// What is done about it. A controlled stop needs encoders, drives, the operator's consent and
+    /// a tick that can be relied on; without one of them there is only off.
+    pub fn reaction(self) -> Reaction {
+        match self {
+            Self::LinkTimeout
+            | Self::NoContact
+            | Self::ForceNotReached
+            | Self::ContactNotRegained => Reaction::Hold,
+            Self::SensorsStale
+            | Self::SensorRange
+            | Self::PathDeviation
+            | Self::JointSpeed
+            | Self::RootMoment
+            | Self::ForceBalance
+            | Self::ForceBand
+            | Self::SensorFrozen => Reaction::Stop,
+            Self::MeasurementNotFinite
+            | Self::TorqueNotFinite
+            | Self::EmergencyStop
+            | Self::Drive
+            | Self::TickOverrun
+            | Self::TicksLost
+            | Self::EncoderStep
+            | Self::EncoderFrozen
+            | Self::StopNotObeyed => Reaction::Off,
         }
     }
 }

@@ -214,6 +214,22 @@ pub struct Measurement<T> {
     pub drive: [Saturation; 2],
 }
 
+/// How far what is measured is from the plan, as the law in use sees it: what monitors look at. What
+/// a law does not know is zero.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Deviation<T> {
+    /// Motors' angles less the planned ones, rad.
+    pub angle: [T; 2],
+    /// Contact force less the planned one, N; zero where no force is made.
+    pub force: T,
+    /// Root moment that the law wants less the measured one, N m.
+    pub root_moment: T,
+    /// Root moment less that of the plan and of the measured force's deviation from it,
+    /// `M - tau2_d - s2 (f - f_d)`, N m: at rest zero but for friction and the plan's own errors,
+    /// whatever the force is, unless gauge and force cell contradict each other.
+    pub balance: T,
+}
+
 impl<T: SiScalar> Measurement<T> {
     /// The measurement in the tick's number type; saturates at the formats' ranges, and
     /// angles lose whole turns, in fixed point.

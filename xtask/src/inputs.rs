@@ -108,6 +108,9 @@ pub(crate) fn plan_files(files: &Files) -> Result<Demo> {
     };
     let plan = plan(&arm.arm, &task, &options)?;
     let limits = arm.limits.unwrap_or_else(|| default_limits(&plan));
+    let name = files.arm.as_ref().map(|file| file.display().to_string());
+    let name = name.as_deref().unwrap_or("arm");
+    let monitors = arm.monitors.checked(name, &plan, &law)?;
     let table = fit_table(&plan)?;
     check_torques(files, &board.parameters, &limits, &table.image)?;
     let bytes = table.image.len();
@@ -119,6 +122,7 @@ pub(crate) fn plan_files(files: &Files) -> Result<Demo> {
         arm: arm.arm,
         law,
         limits,
+        monitors,
     };
     Ok(Demo {
         plan,

@@ -6,13 +6,16 @@ use super::{
     results, say,
 };
 use crate::campaign::identity::CampaignInput;
-use crate::files::config::{self, ConfigError, FILE_BYTES_MAX, ScenarioConfig, read_text};
+use crate::files::config::{
+    self, ArmConfig, ConfigError, FILE_BYTES_MAX, ScenarioConfig, read_text,
+};
 use crate::files::export;
 use crate::planner::plan::Plan;
 use crate::simulation::bench::{self, BenchArm, BenchBoard, BenchLog, BenchTask, RunFigures};
 use crate::text::four_digits;
 use clap::Args;
 use flexor::control::LawParameters;
+use flexor::supervisor::MonitorParameters;
 use serde_json::{Map, Value, json};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -37,6 +40,8 @@ pub(super) struct Bench {
     pub(super) planned: Planned,
     /// Gains and options of the law.
     pub(super) law: LawParameters,
+    /// Thresholds of the monitors.
+    monitors: MonitorParameters,
     /// The board.
     pub(super) board: BenchBoard,
     /// The scenario.
@@ -71,6 +76,7 @@ impl ScenarioArgs {
         let (arm, task) = common.load()?;
         let law = controller(gains, default_gains)?;
         let planned = common.plan(&arm, &task)?;
+        let monitors = monitors_for(&common, &arm, &planned.plan, &law)?;
         self.check_faults(&config, &planned.plan)?;
         let (board, note) = board_for(&common, &planned.plan)?;
         let mut inputs = vec![input(
@@ -106,6 +112,7 @@ impl ScenarioArgs {
         Ok(Bench {
             planned,
             law,
+            monitors,
             board,
             config,
             note,
@@ -194,6 +201,20 @@ fn text(file: Option<&Path>, default: &str) -> Result<String, ConfigError> {
     }
 }
 
+/// The arm's thresholds where it has any, and those of the plan.
+fn monitors_for(
+    common: &Common,
+    arm: &ArmConfig,
+    plan: &Plan,
+    law: &LawParameters,
+) -> Result<MonitorParameters, ConfigError> {
+    let file = common
+        .arm
+        .as_ref()
+        .map_or("arm".into(), |file| file.display().to_string());
+    arm.monitors.checked(&file, plan, law)
+}
+
 impl Bench {
     /// Says what a reader should know.
     pub(super) fn say_note(&self) {
@@ -209,6 +230,7 @@ impl Bench {
             image: &self.planned.table.image,
             law: &self.law,
             limits: &self.planned.limits,
+            monitors: &self.monitors,
             board: &self.board,
             failure: &self.config.scenario.failure,
         }

@@ -8,7 +8,7 @@ use crate::files::export;
 use crate::target::pil::{PilError, PilRun};
 use crate::target::{Target, pil};
 use clap::Args;
-use flexor::supervisor::ControllerParameters;
+use flexor::supervisor::{ControllerParameters, MonitorParameters};
 use serde_json::{Map, Value, json};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -105,6 +105,7 @@ fn compare(args: &PilArgs, simulation: &Simulation) -> Result<Compared, CliError
             arm: plan.model.arm,
             law: options.law.without_settling(),
             limits: options.limits,
+            monitors: MonitorParameters::NONE,
         };
         let random_differing = match args.random {
             0 => 0,

@@ -384,7 +384,7 @@ mod tests {
                 figures: RunFigures::from_columns(outcomes[outcome], values.map(plain), seed as u32),
             });
             let records = CampaignRecords {
-                parameters: (0..10).map(|i| format!("p.{i}")).collect(),
+                parameters: (0..FIGURES).map(|i| format!("p.{i}")).collect(),
                 runs: runs.collect(),
             };
             let back = parse_rows("runs.csv", &csv_of(&records)).unwrap();
@@ -412,7 +412,7 @@ mod tests {
         assert_eq!(
             lines[1],
             "2,18446744073709551613,0.1,-10,completed,false,\
-             0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,3"
+             0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,3"
         );
         assert!(lines[3].contains(",sensor_range,true,inf,"), "{}", lines[3]);
     }

@@ -3,6 +3,7 @@
 pub mod collocation;
 mod elastic_bvp;
 pub mod limits;
+pub mod monitors;
 pub mod path;
 pub mod plan;
 pub mod table_fit;

@@ -10,7 +10,7 @@ use crate::target::{Target, TargetError};
 use flexor::control::Command;
 use flexor::link::{Refusal, Setup, Status, TickReply};
 use flexor::signals::{Measurement, Saturation};
-use flexor::supervisor::ControllerParameters;
+use flexor::supervisor::{ControllerParameters, MonitorParameters};
 use flexor::table::{Slot, Table, TableIdentity};
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -154,6 +154,7 @@ pub fn run(
         // As the simulation beside it.
         law: options.law.without_settling(),
         limits: options.limits,
+        monitors: MonitorParameters::NONE,
     };
     let slot = start_with(target, image, &Setup::from(&parameters))?;
     let begun = Instant::now();

@@ -16,11 +16,11 @@ use crate::control::law::{Law, LawParameters};
 use crate::control::limiter::{LimitParameters, TorqueLimiter};
 use crate::control::motion::{Motion, Reading};
 use crate::control::paper::{PaperLaw, PaperState};
-use crate::fault::Fault;
+use crate::fault::{Fault, Reaction};
 use crate::model::ArmParameters;
 use crate::number::{SiScalar, TableScalar};
 use crate::phase::Phase;
-use crate::signals::{Formats, Measurement, Saturation, SaturationCounts};
+use crate::signals::{Deviation, Formats, Measurement, Saturation, SaturationCounts};
 use crate::table::{Cursor, Table, TableError};
 use core::fmt;
 use serde::{Deserialize, Serialize};
@@ -36,6 +36,8 @@ pub struct Command<T> {
     pub saturation: [Saturation; 2],
     /// Where the run is.
     pub phase: Phase,
+    /// How far from the plan the measurement was; zero while a fault is latched.
+    pub deviation: Deviation<T>,
     /// The latched fault, if any; the torques are then zero.
     pub fault: Option<Fault>,
 }
@@ -149,7 +151,8 @@ struct Gate<'c, T: TableScalar> {
 }
 
 impl<T: TableScalar> Gate<'_, T> {
-    /// One law's tick: the torques within the limits, and how they were limited.
+    /// One law's tick: the torques within the limits, and how they were limited. Leaves in
+    /// `deviation` how far from the plan it is.
     ///
     /// # Errors
     /// The fault for which there must be no torque.
@@ -161,12 +164,14 @@ impl<T: TableScalar> Gate<'_, T> {
         setpoint: &L::Setpoint,
         measured: &Measurement<T>,
         saturations: &mut SaturationCounts<T::SaturationCount>,
+        deviation: &mut Deviation<T>,
     ) -> Result<([T; 2], [Saturation; 2]), Fault> {
         if !L::reads_finite(measured) {
             return Err(Fault::MeasurementNotFinite);
         }
         let demand = law.update(state, setpoint, measured, saturations);
         let torque = L::torque(&demand);
+        *deviation = L::deviation(&demand, setpoint, measured);
         let free = [Saturation::None; 2];
         if measured.drive == free && self.limiter.permits(self.previous, torque) {
             return Ok((torque, free));
@@ -317,6 +322,21 @@ impl<'a, T: TableScalar> Controller<'a, T> {
         }
     }
 
+    /// Carries out the reaction to a fault that was found outside the controller, from the next
+    /// tick on. Where there is no motion, hold and stop are off.
+    pub fn react(&mut self, fault: Fault) {
+        match fault.reaction() {
+            Reaction::Limit => {}
+            Reaction::Hold | Reaction::Stop => self.retract(Some(fault)),
+            Reaction::Off => self.trip(fault),
+        }
+    }
+
+    /// The latched fault, for which there is no torque.
+    pub fn fault(&self) -> Option<Fault> {
+        self.fault
+    }
+
     /// True when the table's last tick has been reached; further ticks hold it.
     pub fn at_end(&self) -> bool {
         self.cursor.at_end()
@@ -342,6 +362,12 @@ impl<'a, T: TableScalar> Controller<'a, T> {
         let mut torque = [T::ZERO; 2];
         let mut saturation = [Saturation::None; 2];
         let mut goes_on = true;
+        let mut deviation = Deviation {
+            angle: [T::ZERO; 2],
+            force: T::ZERO,
+            root_moment: T::ZERO,
+            balance: T::ZERO,
+        };
         if self.fault.is_none() {
             let gate = Gate {
                 limiter: &self.limiter,
@@ -350,7 +376,8 @@ impl<'a, T: TableScalar> Controller<'a, T> {
             let counts = &mut self.saturations;
             let given = match &mut self.feedback {
                 Feedback::Paper(law, state) => {
-                    gate.tick(law, state, &self.cursor.setpoint(), measured, counts)
+                    let setpoint = self.cursor.setpoint();
+                    gate.tick(law, state, &setpoint, measured, counts, &mut deviation)
                 }
                 Feedback::Hybrid(law, state, motion) => {
                     let mut setpoint = self.cursor.pose(motion.part());
@@ -360,7 +387,14 @@ impl<'a, T: TableScalar> Controller<'a, T> {
                         at_end: self.cursor.at_end(),
                     };
                     goes_on = motion.tick(law, state, &mut reading, counts);
-                    gate.tick(law, state, &setpoint, measured, counts)
+                    let given = gate.tick(law, state, &setpoint, measured, counts, &mut deviation);
+                    if !motion.on_plan() {
+                        // The wanted force is not the table's, whose moment is part of its torque,
+                        // and the link is bent by another one than planned.
+                        deviation.balance = T::ZERO;
+                        deviation.angle[1] = T::ZERO;
+                    }
+                    given
                 }
             };
             match given {
@@ -377,6 +411,7 @@ impl<'a, T: TableScalar> Controller<'a, T> {
             tick,
             saturation,
             phase: self.phase(),
+            deviation,
             fault: self.fault,
         }
     }

@@ -1,7 +1,7 @@
 //! What the controller wants of a control law, and the host of its coefficients.
 
 use crate::number::Scalar;
-use crate::signals::{Measurement, Saturation, SaturationCounts};
+use crate::signals::{Deviation, Measurement, Saturation, SaturationCounts};
 
 /// What the controller's tick wants of a law. The tick is compiled for each law; which one acts
 /// is asked once.
@@ -25,6 +25,12 @@ pub(super) trait FeedbackLaw<T: Scalar> {
     ) -> Self::Demand;
     /// The torques asked for, N m.
     fn torque(demand: &Self::Demand) -> [T; 2];
+    /// How far from the plan the measurement was.
+    fn deviation(
+        demand: &Self::Demand,
+        setpoint: &Self::Setpoint,
+        measured: &Measurement<T>,
+    ) -> Deviation<T>;
     /// Takes back what pushed a joint farther into its limit.
     fn anti_windup(
         &self,

@@ -42,167 +42,12 @@
 
 use crate::control::feedback::FeedbackLaw;
 use crate::control::filter::{filter_alpha, low_pass};
-use crate::control::motion_parameters::{MotionCoefficients, MotionParameters};
+use crate::control::hybrid_parameters::{FreeParameters, HybridParameters};
+use crate::control::motion_parameters::MotionCoefficients;
 use crate::model::ArmParameters;
 use crate::number::{Scalar, SiScalar};
-use crate::signals::{Formats, Measurement, PoseSetpoint, Saturation, SaturationCounts};
+use crate::signals::{Deviation, Formats, Measurement, PoseSetpoint, Saturation, SaturationCounts};
 use serde::{Deserialize, Serialize};
-
-/// Gains of the hybrid law, in f64 SI units: what a `controller.toml` with `law = "hybrid"` says.
-/// The law is made from the nearest f32, which is how gains go over the link.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct HybridParameters {
-    /// K1 and k2: stiffness of the joints about their planned angles, N m/rad.
-    pub joint_stiffness_nm_rad: [f64; 2],
-    /// B1 and B2: damping of the joints' rates against the planned ones, N m s/rad.
-    pub joint_damping_nms_rad: [f64; 2],
-    /// Corners of the filters on these rates, Hz.
-    pub rate_filter_hz: [f64; 2],
-    /// Ki1: gain on the integral of joint 1's error, N m/(rad s). Without K1 there is none.
-    pub joint1_integral_nm_rads: f64,
-    /// Largest torque of that integral, N m.
-    pub joint1_integral_limit_nm: f64,
-    /// K_IF: gain on the integral of the force error, 1/s.
-    pub force_integral_per_s: f64,
-    /// K_T: bandwidth of the loop that makes the root moment what is wanted, 1/s; 0 without gauge.
-    pub torque_loop_per_s: f64,
-    /// Largest correction D by that loop, N m.
-    pub torque_correction_limit_nm: f64,
-    /// w: natural frequency of the second-order section, rad/s.
-    pub section_frequency_rad_s: f64,
-    /// z: its damping ratio, below 1.
-    pub section_damping: f64,
-    /// g: what joint 2's error feeds to the section's two states, N m/rad.
-    pub section_angle_nm_rad: [f64; 2],
-    /// h: what the force error's moment, phi, feeds to them.
-    pub section_force: [f64; 2],
-    /// Joint 2's gains with the tip in the air.
-    pub free: FreeParameters,
-    /// How contact is made, kept, lost and left.
-    pub motion: MotionParameters,
-}
-
-/// Joint 2's gains with the tip in the air: those of the contact set that are not named here are
-/// none.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FreeParameters {
-    /// k2: stiffness about the planned angle, N m/rad.
-    pub stiffness_nm_rad: f64,
-    /// B2: damping of the rate against the planned one, N m s/rad.
-    pub damping_nms_rad: f64,
-    /// K_T, 1/s.
-    pub torque_loop_per_s: f64,
-    /// w, rad/s.
-    pub section_frequency_rad_s: f64,
-    /// z, below 1.
-    pub section_damping: f64,
-    /// g, N m/rad.
-    pub section_angle_nm_rad: [f64; 2],
-}
-
-impl HybridParameters {
-    /// For a motor 2 whose rotor and hub add 2e-5 to 3e-4 kg m^2 to the root of the paper's link 2.
-    pub const PAPER_ARM_HUB: Self = Self {
-        joint_stiffness_nm_rad: [800.0, 2.21],
-        joint_damping_nms_rad: [60.0, 0.0307],
-        rate_filter_hz: [30.0, 4280.0],
-        joint1_integral_nm_rads: 2500.0,
-        joint1_integral_limit_nm: 50.0,
-        force_integral_per_s: 10.2,
-        torque_loop_per_s: 91.0,
-        torque_correction_limit_nm: 0.5,
-        section_frequency_rad_s: 26.7,
-        section_damping: 0.567,
-        section_angle_nm_rad: [0.894, 1.125],
-        section_force: [0.156, 0.208],
-        free: FreeParameters {
-            stiffness_nm_rad: 1.882,
-            damping_nms_rad: 0.02825,
-            torque_loop_per_s: 91.0,
-            section_frequency_rad_s: 13.7,
-            section_damping: 0.1825,
-            section_angle_nm_rad: [-3.005, -0.07898],
-        },
-        motion: MotionParameters::DEFAULT,
-    };
-
-    /// The parameters as they go over the link, in f32: a law that the host makes from the file
-    /// has the bits of the one that a board makes from its setup.
-    fn sent(&self) -> Self {
-        let sent = |value: f64| f64::from(value as f32);
-        Self {
-            joint_stiffness_nm_rad: self.joint_stiffness_nm_rad.map(sent),
-            joint_damping_nms_rad: self.joint_damping_nms_rad.map(sent),
-            rate_filter_hz: self.rate_filter_hz.map(sent),
-            joint1_integral_nm_rads: sent(self.joint1_integral_nm_rads),
-            joint1_integral_limit_nm: sent(self.joint1_integral_limit_nm),
-            force_integral_per_s: sent(self.force_integral_per_s),
-            torque_loop_per_s: sent(self.torque_loop_per_s),
-            torque_correction_limit_nm: sent(self.torque_correction_limit_nm),
-            section_frequency_rad_s: sent(self.section_frequency_rad_s),
-            section_damping: sent(self.section_damping),
-            section_angle_nm_rad: self.section_angle_nm_rad.map(sent),
-            section_force: self.section_force.map(sent),
-            free: FreeParameters {
-                stiffness_nm_rad: sent(self.free.stiffness_nm_rad),
-                damping_nms_rad: sent(self.free.damping_nms_rad),
-                torque_loop_per_s: sent(self.free.torque_loop_per_s),
-                section_frequency_rad_s: sent(self.free.section_frequency_rad_s),
-                section_damping: sent(self.free.section_damping),
-                section_angle_nm_rad: self.free.section_angle_nm_rad.map(sent),
-            },
-            motion: self.motion.sent(),
-        }
-    }
-
-    /// The contact set as if it were one of the air: what both have.
-    fn contact(&self) -> FreeParameters {
-        FreeParameters {
-            stiffness_nm_rad: self.joint_stiffness_nm_rad[1],
-            damping_nms_rad: self.joint_damping_nms_rad[1],
-            torque_loop_per_s: self.torque_loop_per_s,
-            section_frequency_rad_s: self.section_frequency_rad_s,
-            section_damping: self.section_damping,
-            section_angle_nm_rad: self.section_angle_nm_rad,
-        }
-    }
-}
-
-impl FreeParameters {
-    /// The section's step from tick to tick, `exp(T A)`: what each state keeps of itself, and what
-    /// it takes of the other.
-    fn rotation(&self, rate_hz: f64) -> [f64; 2] {
-        let angle = self.section_frequency_rad_s / rate_hz;
-        let square = 1.0 - self.section_damping * self.section_damping;
-        let turn = libm::sqrt(if square > 0.0 { square } else { 0.0 });
-        exponential([-self.section_damping * angle, turn * angle])
-    }
-}
-
-/// exp of a complex number with a real part that is not positive: Taylor's series of a small part
-/// of it, squared. A board makes its law itself, and the library's sines would take a third of
-/// its image.
-fn exponential([mut real, mut imaginary]: [f64; 2]) -> [f64; 2] {
-    let mut squarings = 0;
-    // Below 1/16 ten terms leave 1e-20; 1e4 rad/s at 10 Hz are 14 squarings.
-    while squarings < 40 && !(libm::fabs(real) < 0.0625 && libm::fabs(imaginary) < 0.0625) {
-        real *= 0.5;
-        imaginary *= 0.5;
-        squarings += 1;
-    }
-    let times = |[a, b]: [f64; 2], [c, d]: [f64; 2]| [a * c - b * d, a * d + b * c];
-    // 1 + z (1 + z/2 (1 + z/3 ...)).
-    let mut sum = [1.0, 0.0];
-    for term in (1..=10).rev() {
-        let n = f64::from(term);
-        let [x, y] = times([real / n, imaginary / n], sum);
-        sum = [1.0 + x, y];
-    }
-    for _ in 0..squarings {
-        sum = times(sum, sum);
-    }
-    sum
-}
 
 /// Largest error that joint 1's integral stands for, rad: what fixed point holds.
 const INTEGRAL_MAX_RAD: f64 = 3.0;
@@ -225,6 +70,8 @@ struct Joint2<T: Scalar> {
     section_angle: [T::Gain; 2],
     /// w T h.
     section_force: [T::Gain; 2],
+    /// What the section's states come to under a lasting error, for each rad of it.
+    section_rest: [T::Gain; 2],
 }
 
 impl<T: SiScalar> Joint2<T> {
@@ -245,6 +92,7 @@ impl<T: SiScalar> Joint2<T> {
                 .section_angle_nm_rad
                 .map(|gain| T::angle_gain(section * gain, torque)),
             section_force: section_force.map(|gain| T::gain(section * gain, torque, torque)),
+            section_rest: p.section_rest().map(|gain| T::angle_gain(gain, torque)),
         }
     }
 }
@@ -281,6 +129,8 @@ pub struct HybridLaw<T: Scalar> {
 pub struct HybridState<T: Scalar> {
     /// Whether joint 2's gains are those of the air.
     pub free: bool,
+    /// Whether the root moment is not to be trusted: D stands still.
+    pub without_gauge: bool,
     /// Errors of the motors' angles at the tick before, rad; `None` before the first.
     pub angle_error: Option<[T; 2]>,
     /// Their filtered differences, rad a tick.
@@ -299,6 +149,7 @@ impl<T: Scalar> Default for HybridState<T> {
     fn default() -> Self {
         Self {
             free: false,
+            without_gauge: false,
             angle_error: None,
             rate_error: [T::Sum::default(); 2],
             place_integral: T::Sum::default(),
@@ -317,6 +168,14 @@ pub struct HybridDemand<T: Scalar> {
     pub torque: [T; 2],
     /// s2: joint 2's torque of a unit force along the surface normal, m.
     pub moment_arm: T,
+    /// Errors of the motors' angles, rad.
+    angle_error: [T; 2],
+    /// Planned force less the measured one, N.
+    force_error: T,
+    /// Its moment about joint 2, phi, N m.
+    force_moment: T,
+    /// Root moment that is wanted less the measured one, N m.
+    moment_error: T,
     /// Place integral, force integral and torque correction without this tick's steps.
     before: [T::Sum; 3],
 }
@@ -410,16 +269,21 @@ impl<T: Scalar> HybridLaw<T> {
             .times(force_error, self.torque[1], count)
             .negative();
         Self::advance_section(joint2, state, error[1], phi, count);
-        let step = want
-            .minus(measured.root_moment, count)
-            .times_alpha(joint2.torque_loop);
-        state.torque_correction = clipped(
-            T::accumulated(state.torque_correction, step, count),
-            self.correction_limit,
-        );
+        let moment_error = want.minus(measured.root_moment, count);
+        if !state.without_gauge {
+            let step = moment_error.times_alpha(joint2.torque_loop);
+            state.torque_correction = clipped(
+                T::accumulated(state.torque_correction, step, count),
+                self.correction_limit,
+            );
+        }
         HybridDemand {
             torque: [tau1, want.plus(T::of_sum(state.torque_correction), count)],
             moment_arm,
+            angle_error: error,
+            force_error,
+            force_moment: phi,
+            moment_error,
             before,
         }
     }
@@ -496,6 +360,35 @@ impl<T: Scalar> HybridLaw<T> {
             *before = before.angle_minus(error);
         }
         error
+    }
+
+    /// Counts joint 2's error `angle` (rad) higher, without a step in the torque: the section comes
+    /// to where it would be had the error always been there, and the force integral gives what it
+    /// and the stiffness take. The next `update`'s setpoint must be as much lower.
+    pub(super) fn recount(
+        &self,
+        state: &mut HybridState<T>,
+        (setpoint, angle): (&PoseSetpoint<T>, T),
+        saturations: &mut SaturationCounts<T::SaturationCount>,
+    ) {
+        let joint2 = if state.free {
+            &self.free
+        } else {
+            &self.contact
+        };
+        let count = &mut saturations.torque[1];
+        let rest = joint2.section_rest.map(|gain| angle.scaled(gain, count));
+        for (own, rest) in state.section.iter_mut().zip(rest) {
+            *own = T::accumulated(*own, rest.sum(), count);
+        }
+        let taken = angle.scaled(joint2.stiffness, count).minus(rest[0], count);
+        let moment_arm = self.moment_arm2(setpoint);
+        let step = taken.over(moment_arm, self.torque[1], &mut saturations.integral);
+        state.force_integral =
+            T::accumulated(state.force_integral, step.sum(), &mut saturations.integral);
+        if let Some([_, before]) = &mut state.angle_error {
+            *before = before.angle_minus(angle.negative());
+        }
     }
 
     /// The filtered differences of the errors from tick to tick, rad.
@@ -639,6 +532,24 @@ impl<T: Scalar> FeedbackLaw<T> for HybridLaw<T> {
     #[inline]
     fn torque(demand: &Self::Demand) -> [T; 2] {
         demand.torque
+    }
+
+    #[inline]
+    fn deviation(
+        demand: &Self::Demand,
+        setpoint: &Self::Setpoint,
+        measured: &Measurement<T>,
+    ) -> Deviation<T> {
+        let count = &mut T::SaturationCount::default();
+        Deviation {
+            angle: demand.angle_error,
+            force: demand.force_error.negative(),
+            root_moment: demand.moment_error,
+            balance: measured
+                .root_moment
+                .minus(setpoint.torque[1], count)
+                .minus(demand.force_moment, count),
+        }
     }
 
     #[inline]

@@ -5,7 +5,8 @@
 //! | `paper` | `paper` | root slope rate against the chord, force, link angles |
 //! | `hybrid` | `hybrid` | motor angles, root moment, force |
 
-use crate::control::hybrid::{HybridLaw, HybridParameters};
+use crate::control::hybrid::HybridLaw;
+use crate::control::hybrid_parameters::HybridParameters;
 use crate::control::motion_parameters::MotionParameters;
 use crate::control::paper::{PaperLaw, PaperParameters};
 use crate::model::ArmParameters;

@@ -6,6 +6,7 @@
 //! | `feedback` | what the controller wants of a law |
 //! | `paper` | the paper's law (eq. 18-20) |
 //! | `hybrid` | the hybrid law: joint 1 holds the place, joint 2 makes the force |
+//! | `hybrid_parameters` | its gains, as a file gives them |
 //! | `motion` | its course: approach, contact, follow, lost, retract, hold |
 //! | `motion_parameters` | its thresholds, speeds and times |
 //! | `filter` | the low-pass of both |
@@ -16,6 +17,7 @@ mod controller;
 mod feedback;
 mod filter;
 mod hybrid;
+mod hybrid_parameters;
 #[cfg(test)]
 mod hybrid_tests;
 mod law;
@@ -28,7 +30,8 @@ mod paper;
 
 pub use controller::{Coefficients, Command, Controller, Mismatch};
 pub use feedback::Coefficient;
-pub use hybrid::{FreeParameters, HybridDemand, HybridLaw, HybridParameters, HybridState};
+pub use hybrid::{HybridDemand, HybridLaw, HybridState};
+pub use hybrid_parameters::{FreeParameters, HybridParameters};
 pub use law::{Law, LawParameters};
 pub use limiter::{LimitParameters, TorqueLimiter};
 pub use motion_parameters::MotionParameters;

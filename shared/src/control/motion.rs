@@ -48,7 +48,7 @@
 use crate::control::filter::low_pass;
 use crate::control::hybrid::{HybridLaw, HybridState};
 use crate::control::motion_parameters::{FULL, LIFT_MOST, LOSSES, PRESSING_STEPS};
-use crate::fault::Fault;
+use crate::fault::{Fault, Reaction};
 use crate::number::Scalar;
 use crate::phase::Phase;
 use crate::signals::{Measurement, PoseSetpoint, SaturationCounts};
@@ -188,6 +188,15 @@ impl<T: Scalar> Motion<T> {
         }
     }
 
+    /// Whether root moment and contact force have to agree with the plan's: on the table they do.
+    pub(super) fn on_plan(&self) -> bool {
+        match self.state {
+            State::Follow { .. } | State::Free => true,
+            State::Lost { .. } => self.begun,
+            _ => false,
+        }
+    }
+
     /// Whether the table has begun.
     pub(super) fn begun(&self) -> bool {
         self.begun
@@ -269,7 +278,7 @@ impl<T: Scalar> Motion<T> {
                 }
             }
             State::Approach { .. } => self.approach(law, memory, reading),
-            State::Contact { .. } => self.contact(law, reading),
+            State::Contact { .. } => self.contact(law, memory, reading, saturations),
             State::Follow { below } => self.follow(law, below, reading),
             State::Lost { .. } => self.lost(law, reading),
             State::Retract { .. } => self.lift(law, memory, reading),
@@ -404,7 +413,13 @@ impl<T: Scalar> Motion<T> {
         }
     }
 
-    fn contact(&mut self, law: &HybridLaw<T>, reading: &Reading<'_, T>) {
+    fn contact(
+        &mut self,
+        law: &HybridLaw<T>,
+        memory: &mut HybridState<T>,
+        reading: &mut Reading<'_, T>,
+        saturations: &mut SaturationCounts<T::SaturationCount>,
+    ) {
         let planned = reading.setpoint.force;
         self.reference = towards(self.reference, planned, self.forces.step);
         let reached = self.reference == planned;
@@ -435,6 +450,14 @@ impl<T: Scalar> Motion<T> {
             self.state = State::Follow { below: *below };
         } else if *settle_left > 0 {
             *settle_left -= 1;
+            // With the plan's force on it the link is bent as planned, and the angle of the first
+            // touch means nothing any more.
+            let touched = core::mem::take(&mut self.offset);
+            if touched != T::ZERO {
+                law.recount(memory, (reading.setpoint, touched), saturations);
+                let slope = &mut reading.setpoint.root_slope;
+                *slope = slope.angle_minus(touched);
+            }
         } else if law.motion.settle_ticks == 0
             || off.is_within(planned.scaled(law.motion.judged_share, count))
         {
@@ -506,6 +529,10 @@ impl<T: Scalar> Motion<T> {
         memory: &mut HybridState<T>,
         reading: &mut Reading<'_, T>,
     ) {
+        // A sensor that has failed may be the gauge.
+        memory.without_gauge |= self
+            .cause
+            .is_some_and(|cause| cause.reaction() == Reaction::Stop);
         if !memory.free {
             // The gains change first.
             return;

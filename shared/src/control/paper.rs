@@ -37,7 +37,7 @@ use crate::control::feedback::{Coefficient, FeedbackLaw};
 use crate::control::filter::{filter_alpha, low_pass};
 use crate::model::ArmParameters;
 use crate::number::{Scalar, SiScalar};
-use crate::signals::{Formats, Measurement, Saturation, SaturationCounts, Setpoint};
+use crate::signals::{Deviation, Formats, Measurement, Saturation, SaturationCounts, Setpoint};
 use serde::{Deserialize, Serialize};
 
 /// How a force along the surface normal becomes joint torques.
@@ -444,6 +444,21 @@ impl<T: Scalar> FeedbackLaw<T> for PaperLaw<T> {
     #[inline]
     fn torque(demand: &Self::Demand) -> [T; 2] {
         demand.torque
+    }
+
+    #[inline]
+    fn deviation(
+        _: &Self::Demand,
+        setpoint: &Self::Setpoint,
+        measured: &Measurement<T>,
+    ) -> Deviation<T> {
+        let count = &mut T::SaturationCount::default();
+        Deviation {
+            angle: [T::ZERO; 2],
+            force: measured.force.minus(setpoint.force, count),
+            root_moment: T::ZERO,
+            balance: T::ZERO,
+        }
     }
 
     #[inline]

@@ -33,8 +33,8 @@
 //! A [`Setup`] is the arm, 11 x f64 and elbow (0 down, 1 up); the law; and the limits, torque
 //! 2 x f64, torque rate 2 x f64. All SI, in the order of
 //! [`ArmParameters`](crate::model::ArmParameters), [`LawSetup`](crate::link::LawSetup) and
-//! [`LimitSetup`](crate::link::LimitSetup). It has 159 bytes with the paper's law, 8 more for each
-//! filter corner that is given, and 258 with the hybrid law.
+//! [`LimitSetup`](crate::link::LimitSetup). It has 191 bytes with the paper's law, 8 more for each
+//! filter corner that is given, and 290 with the hybrid law.
 //!
 //! | law | bytes |
 //! |---|---|
@@ -303,7 +303,7 @@ mod tests {
         assert_eq!(feed(&mut Receiver::new(), &frame(&start)), [start]);
         let mut buffer = [0; 256];
         let bytes = SETUP.encode(&mut buffer).unwrap();
-        assert_eq!(bytes.len(), 159 + 16 + 4);
+        assert_eq!(bytes.len(), 191 + 16 + 4);
         assert_eq!(Setup::decode(bytes), Some(SETUP));
         let status = Reply::Status(Status {
             mode: Mode::LockStep,

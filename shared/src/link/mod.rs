@@ -33,7 +33,9 @@ pub use report::{
     ClockSource, Identity, Interlocks, Mode, RawSample, SensorReport, StartReason, Status,
     TickReply,
 };
-pub use setup::{FreeSetup, HybridSetup, LawSetup, LimitSetup, MotionSetup, PaperSetup, Setup};
+pub use setup::{
+    FreeSetup, HybridSetup, LawSetup, LimitSetup, MonitorSetup, MotionSetup, PaperSetup, Setup,
+};
 
 /// Baud rate of the line on a real board. It divides the 84 MHz and 16 MHz that clock the
 /// STM32F405's USART1 without remainder, and USB bridges have it.

@@ -18,6 +18,23 @@ pub struct Setup {
     pub law: LawSetup,
     /// Torque limits.
     pub limits: LimitSetup,
+    /// Thresholds of an enabled arm's monitors; in lock-step none act.
+    pub monitors: MonitorSetup,
+}
+
+/// Thresholds of the monitors, SI; infinite for one that is silent.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MonitorSetup {
+    /// Of the motors' angles from the planned ones, rad.
+    pub path_rad: [f32; 2],
+    /// Of the motors' speeds, rad/s.
+    pub speed_rad_s: [f32; 2],
+    /// Of the contact force from the planned one, N.
+    pub force_n: f32,
+    /// Of the root moment from the wanted one, N m.
+    pub root_moment_nm: f32,
+    /// Of root moment and contact force from each other, for short and lasting, N m.
+    pub balance_nm: [f32; 2],
 }
 
 /// Which control law, and its gains, SI.
@@ -194,6 +211,13 @@ mod tests {
                 torque_nm: [17.0, 18.0],
                 torque_rate_nm_s: [19.0, 20.0],
             },
+            monitors: MonitorSetup {
+                path_rad: [21.0, 22.0],
+                speed_rad_s: [23.0, 24.0],
+                force_n: 25.0,
+                root_moment_nm: 26.0,
+                balance_nm: [27.0, 28.0],
+            },
         };
         let numbers =
             |range: core::ops::RangeInclusive<u32>| range.flat_map(|x| f64::from(x).to_le_bytes());
@@ -204,6 +228,7 @@ mod tests {
         expected.extend(numbers(16..=16));
         expected.extend([1, 0, 1]);
         expected.extend(numbers(17..=20));
+        expected.extend((21..=28_u8).flat_map(|x| f32::from(x).to_le_bytes()));
         let mut buffer = [0; 512];
         let bytes = setup.encode(&mut buffer).unwrap();
         let (body, crc) = bytes.split_last_chunk().unwrap();
@@ -251,7 +276,7 @@ mod tests {
         let bytes = Setup { law, ..SETUP }.encode(&mut buffer).unwrap().to_vec();
         let mut expected = std::vec![1_u8];
         expected.extend((1..=34_u8).flat_map(|x| f32::from(x).to_le_bytes()));
-        assert_eq!(bytes.len(), 258 + 4);
+        assert_eq!(bytes.len(), 290 + 4);
         assert_eq!(bytes[89..226], expected);
         assert_eq!(Setup::decode(&bytes), Some(Setup { law, ..SETUP }));
     }

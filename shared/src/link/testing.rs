@@ -4,8 +4,8 @@ extern crate std;
 
 use crate::CRC32;
 use crate::link::{
-    FRAME_MAX, FrameErrors, LawSetup, LimitSetup, PaperSetup, Receiver, Reply, Request, Setup,
-    encode,
+    FRAME_MAX, FrameErrors, LawSetup, LimitSetup, MonitorSetup, PaperSetup, Receiver, Reply,
+    Request, Setup, encode,
 };
 use crate::model::ArmParameters;
 use crate::table::TableIdentity;
@@ -29,6 +29,13 @@ pub(super) const SETUP: Setup = Setup {
     limits: LimitSetup {
         torque_nm: [20.0, 2.0],
         torque_rate_nm_s: [1e3, 1e2],
+    },
+    monitors: MonitorSetup {
+        path_rad: [0.03, 0.2],
+        speed_rad_s: [2.0, 3.0],
+        force_n: 1.0,
+        root_moment_nm: 0.2,
+        balance_nm: [0.5, 0.4],
     },
 };
 

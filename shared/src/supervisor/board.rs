@@ -38,6 +38,10 @@ pub trait Board {
 
     /// A free-running counter for measuring short times; wraps.
     fn stopwatch(&self) -> u32;
+
+    /// The control period in ticks of the stopwatch, by which ticks that did not take place are
+    /// found out; 0 where that is not known, and they are not.
+    fn period_ticks_hw(&self) -> u32;
 }
 
 /// How a torque becomes the count of a converter that commands a drive.

@@ -6,26 +6,39 @@
 //! exchanges the two **references** under a short lock.
 
 use crate::control::Controller;
+use crate::supervisor::monitors::Monitors;
 
-/// An exclusive reference to a place for one controller, which may be empty.
+/// A controller, and the monitors of its run.
+#[derive(Clone, Debug)]
+pub struct MonitoredController<'a> {
+    /// The controller.
+    pub controller: Controller<'a, f32>,
+    /// Its monitors.
+    pub monitors: Monitors,
+}
+
+/// An exclusive reference to a place for one controller with its monitors, which may be empty.
 ///
 /// There are two of them: one goes to [`Supervisor::new`](crate::supervisor::Supervisor::new),
 /// the other stays with whoever prepares controllers.
 #[derive(Debug)]
 pub struct ControllerSlot<'a> {
-    place: &'a mut Option<Controller<'a, f32>>,
+    place: &'a mut Option<MonitoredController<'a>>,
 }
 
 impl<'a> ControllerSlot<'a> {
     /// An empty slot in this place; what was there is dropped.
-    pub fn new(place: &'a mut Option<Controller<'a, f32>>) -> Self {
+    pub fn new(place: &'a mut Option<MonitoredController<'a>>) -> Self {
         *place = None;
         Self { place }
     }
 
-    /// Puts a controller into the slot, instead of the one that was there.
-    pub fn put(&mut self, controller: Controller<'a, f32>) {
-        *self.place = Some(controller);
+    /// Puts a controller and the monitors of its run into the slot, instead of those that were there.
+    pub fn put(&mut self, controller: Controller<'a, f32>, monitors: Monitors) {
+        *self.place = Some(MonitoredController {
+            controller,
+            monitors,
+        });
     }
 
     /// Exchanges what the two slots hold, by exchanging their references.
@@ -35,12 +48,12 @@ impl<'a> ControllerSlot<'a> {
 
     /// The controller, to look at; `None` if the slot is empty.
     pub(super) fn look(&self) -> Option<&Controller<'a, f32>> {
-        self.place.as_ref()
+        self.place.as_ref().map(|placed| &placed.controller)
     }
 
-    /// The controller; `None` if the slot is empty.
+    /// The controller with its monitors; `None` if the slot is empty.
     #[inline]
-    pub(super) fn controller(&mut self) -> Option<&mut Controller<'a, f32>> {
+    pub(super) fn controller(&mut self) -> Option<&mut MonitoredController<'a>> {
         self.place.as_mut()
     }
 }

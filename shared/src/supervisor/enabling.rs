@@ -1,9 +1,8 @@
 //! When the drives may be enabled, and when they must not stay so.
 //!
 //! The arm starts disabled. [`check_enable`] decides on a request to enable; [`FaultMonitor`] looks at
-//! every tick of an enabled arm and names the [`Fault`] that ends it. A fault is latched
-//! by the caller until the host acknowledges it. The declared fallback of every fault is
-//! the same: torques zero, drives off.
+//! every tick of an enabled arm and names the [`Fault`] that it finds; what is done about one says
+//! [`Fault::reaction`]. A fault is latched by the caller until the host acknowledges it.
 
 use crate::control::LimitParameters;
 use crate::fault::Fault;
@@ -139,14 +138,28 @@ pub fn check_torque_bound(planned_nm: [f32; 2], limits: &LimitParameters) -> Res
 pub struct FaultMonitor {
     link_timeout_ticks: u32,
     silent_ticks: u32,
+    /// Longest time from one tick's begin to the next one's, ticks of the stopwatch.
+    longest_ticks_hw: u32,
+    /// When the last tick began.
+    begun: Option<u32>,
+    /// The tick before had no new conversion.
+    stale: bool,
 }
 
 impl FaultMonitor {
-    /// A monitor that begins now: the host counts as just heard.
-    pub fn new(limits: &SafetyLimits) -> Self {
+    /// A monitor that begins now: the host counts as just heard. The control period is
+    /// `period_ticks_hw` ticks of the stopwatch, 0 for unknown.
+    pub fn new(limits: &SafetyLimits, period_ticks_hw: u32) -> Self {
         Self {
             link_timeout_ticks: limits.link_timeout_ticks,
             silent_ticks: 0,
+            longest_ticks_hw: match period_ticks_hw {
+                0 => u32::MAX,
+                // Half a period is for the tick's own jitter.
+                period => period.saturating_add(period / 2),
+            },
+            begun: None,
+            stale: false,
         }
     }
 
@@ -155,14 +168,25 @@ impl FaultMonitor {
         self.silent_ticks = 0;
     }
 
-    /// The fault of this tick, if any. `late`: the last tick was not over when this one was
-    /// due.
+    /// The fault of this tick, if any, which began at `begun` by the stopwatch. `late`: the last
+    /// tick was not over when this one was due.
+    ///
+    /// One tick without a new conversion is let pass, with the values before: a trigger that comes
+    /// late does no harm. Two in a row are a fault.
     #[inline]
-    pub fn tick(&mut self, health: &InputHealth, late: bool) -> Option<Fault> {
+    pub fn tick(&mut self, health: &InputHealth, late: bool, begun: u32) -> Option<Fault> {
         self.silent_ticks = self.silent_ticks.saturating_add(1);
-        health
+        let before = self.begun.replace(begun).unwrap_or(begun);
+        let lost = begun.wrapping_sub(before) > self.longest_ticks_hw;
+        let stale = core::mem::replace(&mut self.stale, !health.fresh);
+        let tolerated = InputHealth {
+            fresh: health.fresh || !stale,
+            ..*health
+        };
+        tolerated
             .fault()
             .or(late.then_some(Fault::TickOverrun))
+            .or(lost.then_some(Fault::TicksLost))
             .or((self.silent_ticks > self.link_timeout_ticks).then_some(Fault::LinkTimeout))
     }
 }
@@ -293,18 +317,55 @@ mod tests {
 
     #[test]
     fn an_enabled_arm_stops_for_each_cause() {
-        let mut monitor = FaultMonitor::new(&LIMITS);
-        assert_eq!(monitor.tick(&GOOD, false), None);
+        let mut monitor = FaultMonitor::new(&LIMITS, 0);
+        assert_eq!(monitor.tick(&GOOD, false, 0), None);
         for (fault, health) in bad() {
             monitor.link_alive();
-            assert_eq!(monitor.tick(&health, false), Some(fault));
+            if !health.fresh {
+                assert_eq!(monitor.tick(&health, false, 0), None, "one may be missing");
+            }
+            assert_eq!(monitor.tick(&health, false, 0), Some(fault));
         }
         monitor.link_alive();
-        assert_eq!(monitor.tick(&GOOD, true), Some(Fault::TickOverrun));
-        assert_eq!(monitor.tick(&GOOD, false), None);
-        assert_eq!(monitor.tick(&GOOD, false), None);
-        assert_eq!(monitor.tick(&GOOD, false), Some(Fault::LinkTimeout));
+        assert_eq!(monitor.tick(&GOOD, true, 0), Some(Fault::TickOverrun));
+        assert_eq!(monitor.tick(&GOOD, false, 0), None);
+        assert_eq!(monitor.tick(&GOOD, false, 0), None);
+        assert_eq!(monitor.tick(&GOOD, false, 0), Some(Fault::LinkTimeout));
         monitor.link_alive();
-        assert_eq!(monitor.tick(&GOOD, false), None);
+        assert_eq!(monitor.tick(&GOOD, false, 0), None);
+    }
+
+    #[test]
+    fn a_conversion_may_be_missing_every_second_tick_but_not_twice_in_a_row() {
+        let mut monitor = FaultMonitor::new(&LIMITS, 0);
+        let stale = InputHealth {
+            fresh: false,
+            ..GOOD
+        };
+        for _ in 0..3 {
+            monitor.link_alive();
+            assert_eq!(monitor.tick(&stale, false, 0), None);
+            assert_eq!(monitor.tick(&GOOD, false, 0), None);
+        }
+        monitor.link_alive();
+        assert_eq!(monitor.tick(&stale, false, 0), None);
+        assert_eq!(monitor.tick(&stale, false, 0), Some(Fault::SensorsStale));
+    }
+
+    #[test]
+    fn a_tick_that_did_not_take_place_shows_in_the_time_that_has_passed() {
+        let tick = |monitor: &mut FaultMonitor, begun| {
+            monitor.link_alive();
+            monitor.tick(&GOOD, false, begun)
+        };
+        // The counter's wrap is no jump, and the first tick has none before it.
+        let mut monitor = FaultMonitor::new(&LIMITS, 1000);
+        for begun in [u32::MAX - 1500, u32::MAX - 400, 499, 1999] {
+            assert_eq!(tick(&mut monitor, begun), None, "{begun}");
+        }
+        assert_eq!(tick(&mut monitor, 3999), Some(Fault::TicksLost));
+        let mut unknown = FaultMonitor::new(&LIMITS, 0);
+        assert_eq!(tick(&mut unknown, 0), None);
+        assert_eq!(tick(&mut unknown, u32::MAX), None);
     }
 }

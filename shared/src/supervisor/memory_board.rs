@@ -29,6 +29,8 @@ pub struct MemoryBoard {
     pub timer_due: bool,
     /// What the stopwatch advances by from one reading to the next.
     pub stopwatch_step: u32,
+    /// The control period in ticks of the stopwatch; 0, at first, is none.
+    pub period_ticks_hw: u32,
     stopwatch: Cell<u32>,
 }
 
@@ -46,8 +48,15 @@ impl MemoryBoard {
             timer_running: true,
             timer_due: false,
             stopwatch_step: 1,
+            period_ticks_hw: 0,
             stopwatch: Cell::new(0),
         }
+    }
+
+    /// Lets the stopwatch run on by `ticks_hw`.
+    pub fn elapse(&mut self, ticks_hw: u32) {
+        self.stopwatch
+            .set(self.stopwatch.get().wrapping_add(ticks_hw));
     }
 }
 
@@ -84,5 +93,9 @@ impl Board for MemoryBoard {
         let now = self.stopwatch.get().wrapping_add(self.stopwatch_step);
         self.stopwatch.set(now);
         now
+    }
+
+    fn period_ticks_hw(&self) -> u32 {
+        self.period_ticks_hw
     }
 }

@@ -6,6 +6,7 @@
 //! | `state` | disabled, enabled, lock-step: what each carries, and every transition |
 //! | `controller_slot` | where controllers live, and how the next one is handed over |
 //! | `enabling` | when the drives may be enabled, and when they must not stay so |
+//! | `monitors` | what of an enabled arm's motion and sensors cannot be |
 //! | `sensing` | from encoder and converter counts to a measurement |
 //! | `parameters` | what a controller is made from, and its form on the wire |
 //! | `board` | what the tick needs from a board |
@@ -17,6 +18,7 @@ mod board_parameters;
 mod controller_slot;
 mod enabling;
 mod memory_board;
+mod monitors;
 mod parameters;
 mod sensing;
 mod state;
@@ -25,12 +27,13 @@ mod supervisor;
 
 pub use board::{Board, DriveScale};
 pub use board_parameters::{BoardParameters, ConverterScale};
-pub use controller_slot::ControllerSlot;
+pub use controller_slot::{ControllerSlot, MonitoredController};
 pub use enabling::{
     EnableInputs, FaultMonitor, InputHealth, SafetyLimits, check_enable, check_torque_bound,
     select_table,
 };
 pub use memory_board::MemoryBoard;
+pub use monitors::{MonitorParameters, Monitors};
 pub use parameters::ControllerParameters;
 pub use sensing::{Calibration, Sensing};
 pub use supervisor::{Supervisor, SupervisorStatus};

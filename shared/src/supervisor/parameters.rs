@@ -7,8 +7,11 @@ use crate::control::{
     Controller, ForceProjection, FreeParameters, HybridParameters, LawParameters, LimitParameters,
     MotionParameters, PaperParameters, SlopeRateFeedback,
 };
-use crate::link::{FreeSetup, HybridSetup, LawSetup, LimitSetup, MotionSetup, PaperSetup, Setup};
+use crate::link::{
+    FreeSetup, HybridSetup, LawSetup, LimitSetup, MonitorSetup, MotionSetup, PaperSetup, Setup,
+};
 use crate::model::ArmParameters;
+use crate::supervisor::monitors::MonitorParameters;
 use crate::table::{Table, TableError};
 
 /// What a controller is made from, apart from its table; f64, SI.
@@ -20,6 +23,8 @@ pub struct ControllerParameters {
     pub law: LawParameters,
     /// Torque limits.
     pub limits: LimitParameters,
+    /// Thresholds of the monitors, where the drives are on.
+    pub monitors: MonitorParameters,
 }
 
 impl ControllerParameters {
@@ -34,7 +39,12 @@ impl ControllerParameters {
 
 impl From<&Setup> for ControllerParameters {
     fn from(setup: &Setup) -> Self {
-        let Setup { arm, law, limits } = *setup;
+        let Setup {
+            arm,
+            law,
+            limits,
+            monitors,
+        } = *setup;
         Self {
             arm,
             law: match law {
@@ -45,13 +55,19 @@ impl From<&Setup> for ControllerParameters {
                 torque_nm: limits.torque_nm,
                 torque_rate_nm_s: limits.torque_rate_nm_s,
             },
+            monitors: monitors.into(),
         }
     }
 }
 
 impl From<&ControllerParameters> for Setup {
     fn from(parameters: &ControllerParameters) -> Self {
-        let ControllerParameters { arm, law, limits } = *parameters;
+        let ControllerParameters {
+            arm,
+            law,
+            limits,
+            monitors,
+        } = *parameters;
         Self {
             arm,
             law: match law {
@@ -62,6 +78,31 @@ impl From<&ControllerParameters> for Setup {
                 torque_nm: limits.torque_nm,
                 torque_rate_nm_s: limits.torque_rate_nm_s,
             },
+            monitors: monitors.into(),
+        }
+    }
+}
+
+impl From<MonitorSetup> for MonitorParameters {
+    fn from(monitors: MonitorSetup) -> Self {
+        Self {
+            path_rad: monitors.path_rad,
+            speed_rad_s: monitors.speed_rad_s,
+            force_n: monitors.force_n,
+            root_moment_nm: monitors.root_moment_nm,
+            balance_nm: monitors.balance_nm,
+        }
+    }
+}
+
+impl From<MonitorParameters> for MonitorSetup {
+    fn from(monitors: MonitorParameters) -> Self {
+        Self {
+            path_rad: monitors.path_rad,
+            speed_rad_s: monitors.speed_rad_s,
+            force_n: monitors.force_n,
+            root_moment_nm: monitors.root_moment_nm,
+            balance_nm: monitors.balance_nm,
         }
     }
 }
@@ -207,7 +248,16 @@ mod tests {
             filters in prop::array::uniform2(prop::option::of(1.0..1e3_f64)),
             options in prop::array::uniform3(any::<bool>()),
             limits in prop::array::uniform4(0.0..1e3_f64),
+            thresholds in prop::array::uniform8(0.0..1e3_f32),
         ) {
+            let [path1, path2, speed1, speed2, force_n, root_moment_nm, short, lasting] = thresholds;
+            let monitors = MonitorParameters {
+                path_rad: [path1, path2],
+                speed_rad_s: [speed1, speed2],
+                force_n,
+                root_moment_nm,
+                balance_nm: [short, lasting],
+            };
             let [projection, feedback, feedforward] = options;
             let law = PaperParameters {
                 force_derivative_s: gains[0],
@@ -235,6 +285,7 @@ mod tests {
                     torque_nm: [limits[0], limits[1]],
                     torque_rate_nm_s: [limits[2], limits[3]],
                 },
+                monitors,
             };
             let setup = Setup::from(&parameters);
             let LawSetup::Paper(sent) = setup.law else {
@@ -251,6 +302,11 @@ mod tests {
             prop_assert_eq!(sent.feedforward, feedforward);
             prop_assert_eq!(setup.limits.torque_nm, [limits[0], limits[1]]);
             prop_assert_eq!(setup.limits.torque_rate_nm_s, [limits[2], limits[3]]);
+            prop_assert_eq!(setup.monitors.path_rad, [path1, path2]);
+            prop_assert_eq!(setup.monitors.speed_rad_s, [speed1, speed2]);
+            prop_assert_eq!(setup.monitors.balance_nm, [short, lasting]);
+            prop_assert_eq!(setup.monitors.force_n, force_n);
+            prop_assert_eq!(setup.monitors.root_moment_nm, root_moment_nm);
             prop_assert_eq!(ControllerParameters::from(&setup), parameters);
         }
     }
@@ -265,6 +321,7 @@ mod tests {
                 torque_nm: [20.0, 2.0],
                 torque_rate_nm_s: [1e3, 1e3],
             },
+            monitors: MonitorParameters::NONE,
         };
         let received = ControllerParameters::from(&Setup::from(&parameters));
         assert_ne!(received, parameters, "0.0307 is no f32");

@@ -115,6 +115,12 @@ impl Sensing {
         within(self.force) & within(self.strain)
     }
 
+    /// The encoders' positions, counts from where the board started.
+    #[inline]
+    pub fn position(&self) -> [i32; 2] {
+        self.position
+    }
+
     /// The latest sample.
     #[inline]
     pub fn raw(&self) -> RawSample {

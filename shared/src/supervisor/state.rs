@@ -69,12 +69,16 @@ impl State {
     ///
     /// # Errors
     /// [`Refusal::Busy`] unless disabled.
-    pub(super) fn enable(&mut self, limits: &SafetyLimits) -> Result<(), Refusal> {
+    pub(super) fn enable(
+        &mut self,
+        limits: &SafetyLimits,
+        period_ticks_hw: u32,
+    ) -> Result<(), Refusal> {
         if !matches!(self, Self::Disabled) {
             return Err(Refusal::Busy);
         }
         *self = Self::Enabled {
-            monitor: FaultMonitor::new(limits),
+            monitor: FaultMonitor::new(limits, period_ticks_hw),
             late: false,
         };
         Ok(())
@@ -123,7 +127,7 @@ mod tests {
     fn transitions_are_those_of_the_drawing() {
         type Wish = fn(&mut State) -> Result<(), Refusal>;
         let wishes: [Wish; 4] = [
-            |state| state.enable(&LIMITS),
+            |state| state.enable(&LIMITS, 0),
             State::start_lock_step,
             State::stop_lock_step,
             |state| {
@@ -135,7 +139,7 @@ mod tests {
             let mut state = State::Disabled;
             match mode {
                 Mode::Disabled => {}
-                Mode::Enabled => state.enable(&LIMITS).unwrap(),
+                Mode::Enabled => state.enable(&LIMITS, 0).unwrap(),
                 Mode::LockStep => state.start_lock_step().unwrap(),
             }
             assert_eq!(state.mode(), mode);

@@ -6,24 +6,42 @@
 //! locks: a controller is prepared outside and handed over by exchanging two references.
 
 use crate::control::Controller;
-use crate::fault::Fault;
+use crate::fault::{Fault, Reaction};
 use crate::link::{Interlocks, Mode, RawSample, Refusal, SensorReport, TickReply};
-use crate::signals::{Measurement, Saturation};
+use crate::signals::{Deviation, Measurement, Saturation};
 use crate::supervisor::board::Board;
-use crate::supervisor::controller_slot::ControllerSlot;
+use crate::supervisor::controller_slot::{ControllerSlot, MonitoredController};
 use crate::supervisor::enabling::{EnableInputs, InputHealth, SafetyLimits};
 use crate::supervisor::sensing::{Calibration, Sensing};
 use crate::supervisor::state::State;
 
-/// The controller's tick, its command written into the reply. Not inlined, or the compiler
-/// makes a copy for each mode.
+/// The controller's tick, its command written into the reply; says how far from the plan the
+/// measurement is. Not inlined, or the compiler makes a copy for each mode.
 #[inline(never)]
-fn run(controller: &mut Controller<'_, f32>, measured: &Measurement<f32>, result: &mut TickReply) {
+fn run(
+    controller: &mut Controller<'_, f32>,
+    measured: &Measurement<f32>,
+    result: &mut TickReply,
+) -> Deviation<f32> {
     let command = controller.tick(measured);
     result.tick = command.tick;
     result.torque = command.torque;
     result.saturation = command.saturation;
     result.fault = command.fault;
+    command.deviation
+}
+
+/// Carries out the reaction to a fault: off in this tick, anything else from the next one on.
+#[cold]
+fn react(run: &mut MonitoredController<'_>, fault: Fault, result: &mut TickReply) {
+    run.controller.react(fault);
+    if matches!(fault.reaction(), Reaction::Hold | Reaction::Stop) {
+        run.monitors.stop();
+    }
+    if let Some(latched) = run.controller.fault() {
+        result.torque = [0.0; 2];
+        result.fault = Some(latched);
+    }
 }
 
 /// What a [`Supervisor`] is doing.
@@ -33,7 +51,7 @@ pub struct SupervisorStatus {
     pub mode: Mode,
     /// Tick of the table; 0 when none runs.
     pub tick: u32,
-    /// The latched fault, if any.
+    /// The latched fault, or the one for which an enabled arm has left its table, if any.
     pub fault: Option<Fault>,
     /// Ticks since start, of the timer and in lock-step; wraps.
     pub ticks_total: u32,
@@ -69,10 +87,14 @@ pub struct SupervisorStatus {
 /// #     arm,
 /// #     law: LawParameters::FEEDFORWARD,
 /// #     limits: LimitParameters { torque_nm: [20.0, 2.0], torque_rate_nm_s: [1e4, 1e3] },
+/// #     monitors: MonitorParameters::NONE,
 /// # };
 /// use flexor::fault::Fault;
 /// use flexor::link::RawSample;
-/// use flexor::supervisor::{Calibration, ControllerSlot, MemoryBoard, SafetyLimits, Supervisor};
+/// use flexor::supervisor::{
+///     Calibration, ControllerSlot, MemoryBoard, MonitorParameters, Monitors, SafetyLimits,
+///     Supervisor,
+/// };
 ///
 /// let calibration = Calibration {
 ///     encoder_rad: [1e-3; 2],
@@ -92,7 +114,8 @@ pub struct SupervisorStatus {
 /// // `parameters` are for a feedforward of 5 N m and -0.5 N m, which `image` holds.
 /// let table = Table::open(&image)?;
 /// let mut prepared = ControllerSlot::new(&mut next);
-/// prepared.put(parameters.controller(&table)?);
+/// let monitors = Monitors::new(&MonitorParameters::NONE, &calibration, 1000);
+/// prepared.put(parameters.controller(&table)?, monitors);
 /// supervisor.enable(&mut prepared)?;
 /// supervisor.tick(&mut board);
 /// let torque = board.torque.expect("the drives are on");
@@ -110,6 +133,8 @@ pub struct Supervisor<'a> {
     state: State,
     slot: ControllerSlot<'a>,
     limits: SafetyLimits,
+    /// The control period in ticks of the stopwatch, 0 for unknown.
+    period_ticks_hw: u32,
     sensing: Sensing,
     /// The latched fault.
     fault: Option<Fault>,
@@ -142,6 +167,7 @@ impl<'a> Supervisor<'a> {
             state: State::Disabled,
             slot,
             limits: *limits,
+            period_ticks_hw: board.period_ticks_hw(),
             sensing: Sensing::new(calibration, tick_rate_hz, &first),
             fault: None,
             homed: false,
@@ -180,10 +206,10 @@ impl<'a> Supervisor<'a> {
                     board.run_timer(false);
                 }
                 if let Some((sequence, measured)) = inbox
-                    && let Some(controller) = self.slot.controller()
+                    && let Some(placed) = self.slot.controller()
                 {
                     self.outbox.sequence = *sequence;
-                    run(controller, measured, &mut self.outbox);
+                    run(&mut placed.controller, measured, &mut self.outbox);
                     *inbox = None;
                 }
             }
@@ -197,16 +223,20 @@ impl<'a> Supervisor<'a> {
                 if !timer {
                     board.run_timer(true);
                 }
-                if let Some(controller) = self.slot.controller() {
+                if let Some(placed) = self.slot.controller() {
                     let health = InputHealth {
                         interlocks: self.interlocks,
                         fresh: raw.fresh,
                         in_range: self.sensing.in_range(),
                     };
-                    if let Some(fault) = monitor.tick(&health, *late) {
-                        controller.trip(fault);
+                    if let Some(fault) = monitor.tick(&health, *late, begun) {
+                        react(placed, fault, &mut self.outbox);
                     }
-                    run(controller, &self.sensing.measurement(), &mut self.outbox);
+                    let measured = self.sensing.measurement();
+                    let deviation = run(&mut placed.controller, &measured, &mut self.outbox);
+                    if let Some(fault) = placed.monitors.tick(&self.sensing, &deviation) {
+                        react(placed, fault, &mut self.outbox);
+                    }
                     if self.outbox.fault.is_some() {
                         board.off();
                         self.fault = self.outbox.fault;
@@ -233,7 +263,7 @@ impl<'a> Supervisor<'a> {
     /// # Errors
     /// [`Refusal::Busy`] unless disabled; nothing is exchanged then.
     pub fn enable(&mut self, prepared: &mut ControllerSlot<'a>) -> Result<(), Refusal> {
-        self.state.enable(&self.limits)?;
+        self.state.enable(&self.limits, self.period_ticks_hw)?;
         self.slot.exchange(prepared);
         // Until the first tick the status must not show where the run before ended.
         self.outbox.tick = 0;
@@ -295,18 +325,18 @@ impl<'a> Supervisor<'a> {
     /// Ends an enabled arm's run by the operator's wish: see [`Controller::retract`].
     pub fn retract(&mut self) {
         if let State::Enabled { .. } = self.state
-            && let Some(controller) = self.slot.controller()
+            && let Some(placed) = self.slot.controller()
         {
-            controller.retract(None);
+            placed.controller.retract(None);
         }
     }
 
     /// Lets an enabled arm's table stand, or go on: see [`Controller::pause`].
     pub fn pause(&mut self, paused: bool) {
         if let State::Enabled { .. } = self.state
-            && let Some(controller) = self.slot.controller()
+            && let Some(placed) = self.slot.controller()
         {
-            controller.pause(paused);
+            placed.controller.pause(paused);
         }
     }
 
@@ -361,6 +391,14 @@ impl<'a> Supervisor<'a> {
         }
     }
 
+    /// Why an enabled arm has left its table, drives on.
+    fn given_up_for(&self) -> Option<Fault> {
+        match self.state {
+            State::Enabled { .. } => self.controller()?.retract_cause(),
+            State::Disabled | State::LockStep { .. } => None,
+        }
+    }
+
     /// What it is doing.
     pub fn status(&self) -> SupervisorStatus {
         SupervisorStatus {
@@ -369,7 +407,7 @@ impl<'a> Supervisor<'a> {
                 State::Disabled => 0,
                 State::Enabled { .. } | State::LockStep { .. } => self.outbox.tick,
             },
-            fault: self.fault,
+            fault: self.fault.or(self.given_up_for()),
             ticks_total: self.ticks_total,
             ticks_hw_max: self.ticks_hw_max,
         }
@@ -377,321 +415,5 @@ impl<'a> Supervisor<'a> {
 }
 
 #[cfg(test)]
-mod tests {
-    extern crate std;
-    use super::*;
-    use crate::control::{LawParameters, LimitParameters};
-    use crate::link::RawSample;
-    use crate::model::ArmParameters;
-    use crate::signals::Reference;
-    use crate::supervisor::MemoryBoard;
-    use crate::table::{Header, Piece, Table, TableWriter, image_bytes};
-    use std::boxed::Box;
-
-    const RATE_HZ: u32 = 1000;
-    const TORQUE: [f64; 2] = [5.0, -0.5];
-    const LIMITS: SafetyLimits = SafetyLimits {
-        start_rad: [0.01; 3],
-        link_timeout_ticks: 20,
-    };
-    const CALIBRATION: Calibration = Calibration {
-        encoder_rad: [1e-3; 2],
-        home_rad: [0.5, -0.5],
-        force_n: (0.01, 2048.0),
-        slope_rad: (1e-3, 2048.0),
-        moment_nm_rad: 2.6,
-        range: (16, 4079),
-    };
-
-    struct Rig {
-        board: MemoryBoard,
-        supervisor: Supervisor<'static>,
-        prepared: ControllerSlot<'static>,
-    }
-
-    /// A controller that gives [`TORQUE`] at every tick.
-    fn controller() -> Controller<'static, f32> {
-        let arm = ArmParameters::PAPER;
-        let header = Header {
-            arm_fingerprint: arm.fingerprint(),
-            task_fingerprint: 0,
-            tick_rate_hz: RATE_HZ,
-            ticks: 100,
-            first_tick: 0,
-            scaling: [20; 8],
-        };
-        let pieces = [Piece {
-            ticks: 100,
-            segments: 1,
-        }];
-        let image = Box::leak(std::vec![0; image_bytes(&pieces)].into_boxed_slice());
-        let mut writer = TableWriter::new(image, &header, &pieces).unwrap();
-        let row = Reference {
-            torque: TORQUE,
-            ..Reference::default()
-        };
-        for _ in 0..pieces[0].rows() {
-            writer.row(&row).unwrap();
-        }
-        writer.finish().unwrap();
-        let limits = LimitParameters {
-            torque_nm: [20.0, 2.0],
-            torque_rate_nm_s: [1e6; 2],
-        };
-        let table = Table::open(image).unwrap();
-        Controller::new(&table, &arm, &LawParameters::FEEDFORWARD, &limits).unwrap()
-    }
-
-    /// True for the table's torques, but for the spline's rounding.
-    fn planned(torque: [f32; 2]) -> bool {
-        (0..2).all(|i| (f64::from(torque[i]) - TORQUE[i]).abs() < 1e-5)
-    }
-
-    impl Rig {
-        fn new() -> Self {
-            let mut board = MemoryBoard::new(RawSample {
-                force: 2048,
-                strain: 2048,
-                fresh: true,
-                ..RawSample::default()
-            });
-            board.stopwatch_step = 7;
-            let slot = || ControllerSlot::new(Box::leak(Box::new(None)));
-            let supervisor = Supervisor::new(&mut board, slot(), &LIMITS, &CALIBRATION, RATE_HZ);
-            let mut prepared = slot();
-            prepared.put(controller());
-            Self {
-                board,
-                supervisor,
-                prepared,
-            }
-        }
-
-        fn enabled() -> Self {
-            let mut rig = Self::new();
-            rig.tick();
-            rig.supervisor.enable(&mut rig.prepared).unwrap();
-            rig.tick();
-            rig
-        }
-
-        fn tick(&mut self) {
-            self.supervisor.tick(&mut self.board);
-        }
-
-        fn torque(&self) -> Option<[f32; 2]> {
-            self.board.torque
-        }
-    }
-
-    #[test]
-    fn it_starts_disabled_with_drives_off() {
-        let mut rig = Rig::new();
-        rig.board.torque = Some([1.0; 2]);
-        rig.tick();
-        assert_eq!(rig.torque(), None);
-        let expected = SupervisorStatus {
-            mode: Mode::Disabled,
-            tick: 0,
-            fault: None,
-            ticks_total: 1,
-            ticks_hw_max: 7,
-        };
-        assert_eq!(rig.supervisor.status(), expected);
-        let inputs = rig.supervisor.enable_inputs();
-        assert_eq!((inputs.latched, inputs.homed), (None, false));
-        assert_eq!(inputs.health.fault(), None);
-        assert!((inputs.measured.angle[0] - 0.5).abs() < 1e-6);
-    }
-
-    #[test]
-    fn homed_is_what_was_said_and_lock_step_forgets_it() {
-        let mut rig = Rig::new();
-        rig.board.sample.encoder = [300, 0];
-        rig.tick();
-        assert!((rig.supervisor.enable_inputs().measured.angle[0] - 0.8).abs() < 1e-6);
-        rig.supervisor.home().unwrap();
-        assert!(rig.supervisor.enable_inputs().homed && rig.supervisor.sensors().homed);
-        assert!((rig.supervisor.enable_inputs().measured.angle[0] - 0.5).abs() < 1e-6);
-        rig.supervisor.enable(&mut rig.prepared).unwrap();
-        assert_eq!(rig.supervisor.home(), Err(Refusal::Busy));
-        rig.supervisor.disable();
-        assert!(rig.supervisor.enable_inputs().homed);
-        rig.supervisor.start_lock_step(&mut rig.prepared).unwrap();
-        assert_eq!(rig.supervisor.home(), Err(Refusal::Busy));
-        rig.supervisor.disable();
-        assert!(!rig.supervisor.enable_inputs().homed);
-    }
-
-    #[test]
-    fn enabled_it_commands_and_disabled_it_stops() {
-        let mut rig = Rig::enabled();
-        assert!(rig.torque().is_some_and(planned));
-        rig.tick();
-        assert_eq!(rig.supervisor.status().tick, 1);
-        rig.supervisor.disable();
-        rig.tick();
-        assert_eq!(rig.torque(), None);
-    }
-
-    #[test]
-    fn every_cause_stops_an_enabled_arm_at_once_and_is_latched() {
-        type Cause = fn(&mut Rig);
-        let causes: [(Fault, Cause); 7] = [
-            (Fault::EmergencyStop, |rig| {
-                rig.board.interlocks.estop_released = false;
-            }),
-            (Fault::Drive, |rig| {
-                rig.board.interlocks.drives_ok = false;
-            }),
-            (Fault::SensorsStale, |rig| {
-                rig.board.sample.fresh = false;
-            }),
-            (Fault::SensorRange, |rig| {
-                rig.board.sample.strain = 4095;
-            }),
-            (Fault::TickOverrun, |rig| {
-                // The tick that is late is found out at its end, so the next one stops.
-                rig.board.timer_due = true;
-                rig.tick();
-                assert!(rig.torque().is_some());
-            }),
-            (Fault::LinkTimeout, |rig| {
-                for _ in 1..LIMITS.link_timeout_ticks {
-                    rig.tick();
-                    assert!(rig.torque().is_some());
-                }
-            }),
-            (Fault::MeasurementNotFinite, |rig| {
-                rig.supervisor.sensing = Sensing::new(
-                    &Calibration {
-                        force_n: (f32::INFINITY, 0.0),
-                        ..CALIBRATION
-                    },
-                    RATE_HZ,
-                    &rig.board.sample,
-                );
-            }),
-        ];
-        for (fault, cause) in causes {
-            let mut rig = Rig::enabled();
-            cause(&mut rig);
-            rig.tick();
-            assert_eq!(rig.torque(), None, "{fault}");
-            let status = rig.supervisor.status();
-            assert_eq!((status.mode, status.fault), (Mode::Disabled, Some(fault)));
-            assert_eq!(rig.supervisor.enable_inputs().latched, Some(fault));
-            rig.tick();
-            assert_eq!(rig.torque(), None);
-            rig.supervisor.acknowledge();
-            assert_eq!(rig.supervisor.enable_inputs().latched, None);
-        }
-    }
-
-    #[test]
-    fn sensors_and_interlocks_are_reported_in_every_mode() {
-        let mut rig = Rig::new();
-        let report = rig.supervisor.sensors();
-        assert!(!report.raw.fresh && !report.interlocks.estop_released);
-        let modes: [fn(&mut Rig); 3] = [
-            |_| {},
-            |rig| rig.supervisor.enable(&mut rig.prepared).unwrap(),
-            |rig| {
-                rig.supervisor.disable();
-                rig.supervisor.start_lock_step(&mut rig.prepared).unwrap();
-            },
-        ];
-        for (i, mode) in modes.into_iter().enumerate() {
-            mode(&mut rig);
-            let count = 2100 + i as u16;
-            rig.board.sample = RawSample {
-                encoder: [count, 1],
-                force: 2148,
-                strain: count,
-                fresh: i != 0,
-            };
-            rig.board.interlocks = Interlocks {
-                estop_released: true,
-                drives_ok: i != 2,
-            };
-            rig.tick();
-            let report = rig.supervisor.sensors();
-            assert_eq!(report.raw, rig.board.sample);
-            assert_eq!(report.interlocks, rig.board.interlocks);
-            assert!((report.measured.force - 1.0).abs() < 1e-6);
-            let slope = (f32::from(count) - 2048.0) * 1e-3;
-            assert!((report.measured.root_slope - slope).abs() < 1e-6);
-            assert_eq!(rig.supervisor.enable_inputs().health.fresh, i != 0);
-        }
-    }
-
-    #[test]
-    fn enabled_again_it_reports_the_tables_first_tick_at_once() {
-        let mut rig = Rig::enabled();
-        rig.tick();
-        rig.tick();
-        assert_eq!(rig.supervisor.status().tick, 2);
-        rig.supervisor.disable();
-        rig.tick();
-        rig.prepared.put(controller());
-        rig.supervisor.enable(&mut rig.prepared).unwrap();
-        assert_eq!(rig.supervisor.status().tick, 0);
-        rig.tick();
-        assert_eq!(rig.supervisor.status().tick, 0);
-    }
-
-    #[test]
-    fn what_the_state_does_not_allow_is_refused_and_changes_nothing() {
-        let mut rig = Rig::enabled();
-        // The slot that came back is empty: taken again, it would switch the drives off.
-        assert_eq!(rig.supervisor.enable(&mut rig.prepared), Err(Refusal::Busy));
-        assert_eq!(
-            rig.supervisor.start_lock_step(&mut rig.prepared),
-            Err(Refusal::Busy)
-        );
-        assert_eq!(rig.supervisor.stop_lock_step(), Err(Refusal::NotInLockStep));
-        rig.tick();
-        assert!(rig.torque().is_some_and(planned));
-        assert_eq!(rig.supervisor.status().tick, 1);
-    }
-
-    #[test]
-    fn requests_keep_an_enabled_arm_going() {
-        let mut rig = Rig::enabled();
-        for _ in 0..5 * LIMITS.link_timeout_ticks {
-            rig.supervisor.link_alive();
-            rig.tick();
-        }
-        assert!(rig.torque().is_some());
-    }
-
-    #[test]
-    fn in_lock_step_the_host_gives_the_pace_and_the_drives_stay_off() {
-        let mut rig = Rig::new();
-        assert!(!rig.supervisor.post_measurement(1, Measurement::default()));
-        rig.supervisor.start_lock_step(&mut rig.prepared).unwrap();
-        // The timer's last tick; it rests from then on.
-        rig.tick();
-        assert!(!rig.board.timer_running);
-        // Neither stop nor stale sensors matter to a tick that drives nothing.
-        rig.board.interlocks.estop_released = false;
-        rig.board.sample.fresh = false;
-        for sequence in 7..10 {
-            assert!(
-                rig.supervisor
-                    .post_measurement(sequence, Measurement::default())
-            );
-            rig.tick();
-            let reply = rig.supervisor.last_reply();
-            assert_eq!((reply.sequence, reply.tick), (sequence, sequence - 7));
-            assert!(planned(reply.torque) && reply.ticks_hw == 7);
-            assert_eq!(rig.torque(), None);
-            assert!(rig.supervisor.tick_advanced());
-        }
-        rig.supervisor.disable();
-        rig.tick();
-        assert!(rig.board.timer_running);
-        assert!(rig.supervisor.tick_advanced());
-        assert!(!rig.supervisor.tick_advanced(), "no tick since");
-    }
-}
+#[path = "supervisor_tests.rs"]
+mod tests;

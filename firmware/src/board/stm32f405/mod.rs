@@ -156,6 +156,7 @@ impl Peripherals {
                 drives,
                 timer: ControlTimer::new(p.TIM2, &mut rcc),
                 stopwatch,
+                period_ticks_hw: stopwatch_hz / TICK_RATE_HZ,
             },
             serial: Serial::new(p.USART1, line, &mut rcc),
             watchdog: Watchdog {
@@ -178,6 +179,8 @@ pub struct TickBoard {
     drives: AnalogDrives,
     timer: ControlTimer,
     stopwatch: Stopwatch,
+    /// The control period in its ticks. Timer and stopwatch have one clock.
+    period_ticks_hw: u32,
 }
 
 impl Board for TickBoard {
@@ -221,6 +224,11 @@ impl Board for TickBoard {
     #[inline]
     fn stopwatch(&self) -> u32 {
         self.stopwatch.ticks_hw()
+    }
+
+    #[inline]
+    fn period_ticks_hw(&self) -> u32 {
+        self.period_ticks_hw
     }
 }
 

@@ -1,8 +1,11 @@
 //! `arm.toml`: the arm and its drives.
 
 use super::{Check, ConfigError, pair, parse};
-use flexor::control::LimitParameters;
+use crate::planner::monitors::{default_monitors, planned_speed};
+use crate::planner::plan::Plan;
+use flexor::control::{LawParameters, LimitParameters};
 use flexor::model::{ArmParameters, Elbow};
+use flexor::supervisor::MonitorParameters;
 use serde::Deserialize;
 
 /// `arm.toml`.
@@ -14,6 +17,74 @@ pub struct ArmConfig {
     pub elements: usize,
     /// The drives' limits, if the file has them.
     pub limits: Option<LimitParameters>,
+    /// Thresholds of the monitors, as far as the file has them.
+    pub monitors: MonitorConfig,
+}
+
+/// `[monitors]` of `arm.toml`: what it leaves out is derived from the plan.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MonitorConfig {
+    path_rad: Option<[f64; 2]>,
+    speed_rad_s: Option<[f64; 2]>,
+    #[serde(rename = "force_N")]
+    force_n: Option<f64>,
+    #[serde(rename = "root_moment_Nm")]
+    root_moment_nm: Option<f64>,
+    #[serde(rename = "balance_Nm")]
+    balance_nm: Option<[f64; 2]>,
+}
+
+impl MonitorConfig {
+    /// The thresholds for `plan` and `law`; `file` is their name for messages.
+    ///
+    /// # Errors
+    /// [`ConfigError::OutOfRange`] for one that would alarm on the plan itself.
+    pub fn checked(
+        &self,
+        file: &str,
+        plan: &Plan,
+        law: &LawParameters,
+    ) -> Result<MonitorParameters, ConfigError> {
+        let least = |threshold: &mut f32, (key, given): (String, Option<f64>), least, what| {
+            let Some(value) = given else {
+                return Ok(());
+            };
+            // NaN is not above anything.
+            if value > least {
+                *threshold = value as f32;
+                return Ok(());
+            }
+            Err(ConfigError::OutOfRange {
+                file: file.into(),
+                field: format!("monitors.{key}"),
+                value,
+                accepted: format!("{what} above {least:.4}, or inf for no limit"),
+            })
+        };
+        let planned = planned_speed(plan);
+        let mut monitors = default_monitors(plan, law);
+        let (angle, force, moment) = ("an angle in rad", "a force in N", "a moment in N m");
+        let speed = "a speed in rad/s, the planned one being less:";
+        for i in 0..2 {
+            let each = |name: &str, pair: Option<[f64; 2]>| {
+                (format!("{name}[{i}]"), pair.map(|pair| pair[i]))
+            };
+            let (path, rate, balance) = (
+                each("path_rad", self.path_rad),
+                each("speed_rad_s", self.speed_rad_s),
+                each("balance_Nm", self.balance_nm),
+            );
+            least(&mut monitors.path_rad[i], path, 0.0, angle)?;
+            least(&mut monitors.speed_rad_s[i], rate, planned[i], speed)?;
+            least(&mut monitors.balance_nm[i], balance, 0.0, moment)?;
+        }
+        let lasting = ("force_N".into(), self.force_n);
+        least(&mut monitors.force_n, lasting, 0.0, force)?;
+        let root = ("root_moment_Nm".into(), self.root_moment_nm);
+        least(&mut monitors.root_moment_nm, root, 0.0, moment)?;
+        Ok(monitors)
+    }
 }
 
 #[derive(Deserialize)]
@@ -23,6 +94,8 @@ struct ArmFile {
     link2: Link2File,
     base: BaseFile,
     limits: Option<LimitsFile>,
+    #[serde(default)]
+    monitors: MonitorConfig,
 }
 
 #[derive(Deserialize)]
@@ -109,5 +182,6 @@ pub fn parse_arm(file: &str, text: &str) -> Result<ArmConfig, ConfigError> {
         },
         elements: check.whole("link2.elements", link2.elements)? as usize,
         limits: limits.transpose()?,
+        monitors: read.monitors,
     })
 }

@@ -22,7 +22,7 @@ use crate::campaign::keys::{KEYS, Key};
 use crate::campaign::scenario::Scenario;
 use crate::campaign::verdict::Limits as VerdictLimits;
 use crate::plant::bench::{GaugeSignal, SurfaceFeature};
-use crate::simulation::bench::{FAULT_NAMES, FailureLimits, FaultName, TimedFault};
+use crate::simulation::bench::{FAULT_NAMES, FailureLimits, FaultName, TimedFault, WISH_NAMES};
 use crate::text::{Shortest, one_line};
 use serde::Deserialize;
 use std::fmt::Write;
@@ -345,7 +345,8 @@ impl Reader<'_> {
         let fault = |(i, fault): (usize, &FaultFile)| {
             let place = format!("faults[{i}]");
             let Some(entry) = FaultName::find(&fault.fault) else {
-                let names: Vec<&str> = FAULT_NAMES.iter().map(|entry| entry.name).collect();
+                let all = FAULT_NAMES.iter().chain(WISH_NAMES);
+                let names: Vec<&str> = all.map(|entry| entry.name).collect();
                 let message = format!(
                     "{place}.fault = {:?}; accepted: one of {}",
                     one_line(&fault.fault, 40),

@@ -6,12 +6,12 @@ use crate::plant::bench::{CompliantArm, CompliantPlant, CompliantReading, Output
 use crate::simulation::bench::arm::{BenchArm, BenchBoard, BenchError, period_s, poses};
 use crate::simulation::bench::figures::{FailureLimits, RunFigures, Tally};
 use crate::simulation::bench::lane::Lane;
-use flexor::control::{Controller, LawParameters, LimitParameters};
+use flexor::control::{LawParameters, LimitParameters};
 use flexor::fault::Fault;
 use flexor::link::{RawSample, Refusal};
 use flexor::phase::Phase;
 use flexor::signals::Saturation;
-use flexor::supervisor::ControllerParameters;
+use flexor::supervisor::{ControllerParameters, MonitorParameters, MonitoredController, Monitors};
 use flexor::table::Table;
 
 /// What all arms of a bench are to do, and with which board.
@@ -25,6 +25,8 @@ pub struct BenchTask<'a> {
     pub law: &'a LawParameters,
     /// Torque limits; the board's are kept besides.
     pub limits: &'a LimitParameters,
+    /// Thresholds of the board's monitors.
+    pub monitors: &'a MonitorParameters,
     /// The board.
     pub board: &'a BenchBoard,
     /// From which error on a run counts as failed.
@@ -253,26 +255,31 @@ fn boards<'a, T: Lanes>(
     task: &BenchTask<'a>,
     arms: &[BenchArm],
     outputs: &Outputs<T>,
-    places: &'a mut [[Option<Controller<'a, f32>>; 2]],
+    places: &'a mut [[Option<MonitoredController<'a>>; 2]],
 ) -> Result<Vec<Lane<'a>>, BenchError> {
     let plan = task.plan;
     let parameters = ControllerParameters {
         arm: plan.model.arm,
         law: *task.law,
         limits: task.limits.at_most(task.board.drive_limit_nm),
+        monitors: *task.monitors,
     };
     let table = Table::open(task.image)?;
     let first_row = table.cursor::<f32>().row();
 
     let mut boards = Vec::with_capacity(arms.len());
     for ((i, arm), places) in arms.iter().enumerate().zip(places) {
-        let inside = (parameters.controller(&table)?, places);
         let (first, rate) = (outputs.lane(i), plan.tick_rate_hz);
         // The gauge is calibrated in N m on the arm itself, by hanging a known weight from it.
         let board = BenchBoard {
             calibration: task.board.calibration.for_arm(&arm.model.arm),
             ..*task.board
         };
+        let placed = MonitoredController {
+            controller: parameters.controller(&table)?,
+            monitors: Monitors::new(&parameters.monitors, &board.calibration, rate),
+        };
+        let inside = (placed, places);
         // Brakes hold the arm until it is enabled, and its drives have what holds it.
         let held = (arm.held(plan), &first_row);
         boards.push(Lane::new(arm, &board, inside, &first, held, rate));

@@ -14,6 +14,8 @@ use flexor::link::RawSample;
 pub enum FaultKind {
     /// The encoder's count stands still: its cable is off.
     EncoderStuck(usize),
+    /// One of the encoder's tracks is cut: the count moves to and fro between two neighbours.
+    EncoderTrackCut(usize),
     /// The encoder counts the wrong way from now on: its tracks are swapped.
     EncoderReversed(usize),
     /// The encoder's count is off by so many.
@@ -108,9 +110,16 @@ impl FaultName {
 
     /// The entry of this name, if there is one.
     pub fn find(name: &str) -> Option<&'static Self> {
-        FAULT_NAMES.iter().find(|entry| entry.name == name)
+        let mut all = FAULT_NAMES.iter().chain(WISH_NAMES);
+        all.find(|entry| entry.name == name)
     }
 }
+
+/// What the operator may wish in a run, put into it as faults are.
+pub const WISH_NAMES: &[FaultName] = &[
+    FaultName::plain("retract", |_| FaultKind::Retract),
+    FaultName::plain("pause", |_| FaultKind::Pause),
+];
 
 /// Every fault that can be put into a run.
 pub const FAULT_NAMES: &[FaultName] = {
@@ -121,6 +130,8 @@ pub const FAULT_NAMES: &[FaultName] = {
     &[
         N::plain("encoder1_stuck", |_| F::EncoderStuck(0)),
         N::plain("encoder2_stuck", |_| F::EncoderStuck(1)),
+        N::plain("encoder1_track_cut", |_| F::EncoderTrackCut(0)),
+        N::plain("encoder2_track_cut", |_| F::EncoderTrackCut(1)),
         N::plain("encoder1_reversed", |_| F::EncoderReversed(0)),
         N::plain("encoder2_reversed", |_| F::EncoderReversed(1)),
         N::with("encoder1_jump", "counts", |x| F::EncoderJump(0, x)),
@@ -157,8 +168,6 @@ pub const FAULT_NAMES: &[FaultName] = {
         N::plain("ticks_lost", |_| F::TicksLost),
         N::plain("tick_overrun", |_| F::TickOverrun),
         N::plain("link_lost", |_| F::LinkLost),
-        N::plain("retract", |_| F::Retract),
-        N::plain("pause", |_| F::Pause),
     ]
 };
 
@@ -262,6 +271,10 @@ impl Injection {
         for fault in faults.iter().filter(|fault| fault.active) {
             let begun = &fault.sample;
             match fault.fault.kind {
+                FaultKind::EncoderTrackCut(j) => {
+                    let turned = given.encoder[j].wrapping_sub(begun.encoder[j]);
+                    given.encoder[j] = begun.encoder[j].wrapping_add(turned & 1);
+                }
                 FaultKind::EncoderStuck(j) => given.encoder[j] = begun.encoder[j],
                 FaultKind::EncoderReversed(j) => {
                     let turned = given.encoder[j].wrapping_sub(begun.encoder[j]);
@@ -402,6 +415,10 @@ mod tests {
     fn counts_and_torques_are_what_the_names_say() {
         let at5 = |name, value| injected(name, value)[5];
         assert_eq!(at5("encoder1_stuck", 0.0).0.encoder[0], 30);
+        assert_eq!(at5("encoder1_track_cut", 0.0).0.encoder[0], 30);
+        let other_edge = injected("encoder2_track_cut", 0.0)[4];
+        assert_eq!(other_edge.0.encoder[1], 65_534);
+        assert_eq!(at5("encoder2_track_cut", 0.0).0.encoder[1], 65_533);
         assert_eq!(at5("encoder1_reversed", 0.0).0.encoder[0], 10);
         assert_eq!(at5("encoder1_jump", -60.0).0.encoder[0], 65_526);
         assert_eq!(at5("encoder2_jump", 5.0).0.encoder[1], 4);

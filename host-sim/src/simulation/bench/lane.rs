@@ -8,7 +8,9 @@ use flexor::fault::Fault;
 use flexor::link::{Interlocks, RawSample, Refusal};
 use flexor::phase::Phase;
 use flexor::signals::{Reference, Saturation};
-use flexor::supervisor::{ControllerSlot, DriveScale, MemoryBoard, Supervisor, check_enable};
+use flexor::supervisor::{
+    ControllerSlot, DriveScale, MemoryBoard, MonitoredController, Supervisor, check_enable,
+};
 
 /// What a tick of the board gave.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,6 +36,9 @@ pub(super) struct BoardTick {
 /// Counts that an encoder may pass from one tick to the next while the arm is moved by hand.
 const HAND_COUNTS: f64 = 8192.0;
 
+/// What the board's stopwatch counts in a control period.
+const PERIOD_TICKS_HW: u32 = 1000;
+
 /// A board, homed and enabled, in the loop.
 pub(super) struct Lane<'a> {
     supervisor: Supervisor<'a>,
@@ -50,16 +55,16 @@ pub(super) struct Lane<'a> {
 
 impl<'a> Lane<'a> {
     /// A board before the arm, which reads `first`: homed, moved to its start, enabled with
-    /// `controller`. `places` are where the supervisor keeps its controllers. The drives have been
+    /// what is `placed`. `places` are where the supervisor keeps its controllers. The drives have been
     /// commanded `planned` (N m) for long; `first_row` is the table's. Whether the arm is near enough to the table's first row,
     /// which a board's link asks before it enables, is not asked here: what a campaign draws may be
     /// farther off, and is to be judged by how it runs.
     pub(super) fn new(
         arm: &BenchArm,
         board: &BenchBoard,
-        (controller, places): (
-            Controller<'a, f32>,
-            &'a mut [Option<Controller<'a, f32>>; 2],
+        (placed, places): (
+            MonitoredController<'a>,
+            &'a mut [Option<MonitoredController<'a>>; 2],
         ),
         first: &CompliantReading,
         (planned, first_row): ([f64; 2], &Reference<f32>),
@@ -73,6 +78,7 @@ impl<'a> Lane<'a> {
             encoder: [0; 2],
             ..start
         });
+        memory.period_ticks_hw = PERIOD_TICKS_HW;
         let [running, next] = places;
         let slot = ControllerSlot::new(running);
         let mut supervisor = Supervisor::new(
@@ -100,7 +106,7 @@ impl<'a> Lane<'a> {
         }
         let refusal = check_enable(&board.safety, &supervisor.enable_inputs(), first_row);
         let mut prepared = ControllerSlot::new(next);
-        prepared.put(controller);
+        prepared.put(placed.controller, placed.monitors);
         let enabled = supervisor.enable(&mut prepared);
         debug_assert!(enabled.is_ok(), "a disabled board can be enabled");
         let drives = [0, 1].map(|i| {
@@ -135,6 +141,7 @@ impl<'a> Lane<'a> {
         let sensed = self.sensors.sample(&reading.stimulus(), &self.channels);
         self.injection.advance(t_s, &sensed, self.target);
         let sample = self.injection.sample(sensed);
+        self.board.elapse(PERIOD_TICKS_HW);
         if !self.injection.loses_tick() {
             self.board.sample = sample;
             self.board.interlocks = Interlocks {

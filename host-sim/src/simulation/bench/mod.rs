@@ -31,5 +31,7 @@ mod log;
 pub use arm::{ArmKind, BenchArm, BenchBoard, BenchError, Course};
 pub use bench::{BenchRow, BenchTask, refusal, run};
 pub use figures::{FIGURES, FailureLimits, Figure, RunFigures};
-pub use injection::{AnalogChannel, AnalogFault, FAULT_NAMES, FaultKind, FaultName, TimedFault};
+pub use injection::{
+    AnalogChannel, AnalogFault, FAULT_NAMES, FaultKind, FaultName, TimedFault, WISH_NAMES,
+};
 pub use log::BenchLog;

@@ -1,0 +1,69 @@
+//! Thresholds of the monitors for a plan of which nothing else is known.
+
+use super::plan::Plan;
+use flexor::control::LawParameters;
+use flexor::supervisor::MonitorParameters;
+
+/// Joint 1 is held stiffly: this is two and a half times what an arm that was never calibrated shows
+/// when it is enabled, rad.
+const PATH1_RAD: f64 = 0.03;
+/// Joint 2 gives way to the surface: what the place of an uncalibrated surface makes of it, rad,
+const PATH2_RAD: f64 = 0.15;
+/// and what a link of another stiffness does, of the planned root slope.
+const PATH2_SLOPE_SHARE: f64 = 0.4;
+/// Of the planned speeds, and beside them, rad/s. Joint 2 swings with the link.
+const SPEED_SHARES: [f64; 2] = [1.5, 1.75];
+const SPEED_RAD_S: f64 = 0.5;
+/// Of the planned force, and beside it, N.
+const FORCE_SHARE: f64 = 0.6;
+const FORCE_N: f64 = 0.3;
+/// Of the moment that the planned force makes at the root of a link that lies along the surface, and
+/// of the planned torque: of what the torque loop leaves over.
+const MOMENT_SHARES: [f64; 2] = [0.1, 0.25];
+/// The same of the balance: friction on the surface, weight, and what the plan does not know of the
+/// link's motion; and of the balance that lasts, where the motion counts for less.
+const BALANCE_SHARES: [[f64; 2]; 2] = [[0.3, 0.85], [0.4, 0.15]];
+/// Least threshold of a moment, N m: a gauge's offset and noise.
+const LEAST_NM: f64 = 0.05;
+
+/// Largest planned speeds of the motors, rad/s.
+pub fn planned_speed(plan: &Plan) -> [f64; 2] {
+    plan.points.iter().fold([0.0; 2], |most, point| {
+        let [link1, link2] = point.joint.rate;
+        // Motor 2 turns the root tangent against link 1.
+        let motor2 = link2 + point.root_slope_rate - link1;
+        [most[0].max(link1.abs()), most[1].max(motor2.abs())]
+    })
+}
+
+/// Thresholds for arms that differ from the plan as a careful, but uncalibrated set-up does: beyond
+/// what 500 of those show, and beyond what is planned. Without a gauge in the law (no torque loop)
+/// nothing is asked of one.
+pub fn default_monitors(plan: &Plan, law: &LawParameters) -> MonitorParameters {
+    let slopes = plan.points.iter().map(|point| point.root_slope.abs());
+    let root_slope = slopes.fold(0.0, f64::max);
+    let force = plan.task.normal_force;
+    let of_force = plan.model.arm.link2_length_m * force;
+    let moment =
+        |[force, torque]: [f64; 2]| LEAST_NM.max(force * of_force + torque * plan.peaks.torque[1]);
+    let gauge = match law {
+        LawParameters::Hybrid(hybrid) => hybrid.torque_loop_per_s > 0.0,
+        LawParameters::Paper(_) => true,
+    };
+    let of_gauge = |threshold: f64| {
+        if gauge {
+            threshold as f32
+        } else {
+            f32::INFINITY
+        }
+    };
+    let speed = planned_speed(plan);
+    let path2 = PATH2_RAD + PATH2_SLOPE_SHARE * root_slope;
+    MonitorParameters {
+        path_rad: [PATH1_RAD as f32, path2 as f32],
+        speed_rad_s: [0, 1].map(|i| (SPEED_SHARES[i] * speed[i] + SPEED_RAD_S) as f32),
+        force_n: (FORCE_SHARE * force + FORCE_N) as f32,
+        root_moment_nm: of_gauge(moment(MOMENT_SHARES)),
+        balance_nm: BALANCE_SHARES.map(|shares| of_gauge(moment(shares))),
+    }
+}
