@@ -246,7 +246,7 @@ impl<'a, T: TableScalar> Controller<'a, T> {
     ) -> Self {
         let cursor = match law {
             Law::Paper(_) => cursor,
-            Law::Hybrid(_) => cursor.with_pose(table),
+            Law::Hybrid(law) => cursor.with_pose(table, law.link2_length()),
         };
         Self {
             feedback: Feedback::new(law, table),
@@ -384,7 +384,7 @@ impl<'a, T: TableScalar> Controller<'a, T> {
                     let mut reading = Reading {
                         setpoint: &mut setpoint,
                         measured,
-                        at_end: self.cursor.at_end(),
+                        cursor: &self.cursor,
                     };
                     goes_on = motion.tick(law, state, &mut reading, counts);
                     let given = gate.tick(law, state, &setpoint, measured, counts, &mut deviation);

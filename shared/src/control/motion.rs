@@ -49,9 +49,10 @@ use crate::control::filter::low_pass;
 use crate::control::hybrid::{HybridLaw, HybridState};
 use crate::control::motion_parameters::{FULL, LIFT_MOST, LOSSES, PRESSING_STEPS};
 use crate::fault::{Fault, Reaction};
-use crate::number::Scalar;
+use crate::number::{Scalar, TableScalar};
 use crate::phase::Phase;
 use crate::signals::{Measurement, PoseSetpoint, SaturationCounts};
+use crate::table::Cursor;
 
 /// Forces that the motion counts with, N.
 #[derive(Clone, Copy, Debug, Default)]
@@ -100,11 +101,10 @@ enum State<T> {
 }
 
 /// What the law reads at a tick: the setpoint, which the motion changes, and the measurement.
-pub(super) struct Reading<'r, T> {
+pub(super) struct Reading<'r, 't, T: TableScalar> {
     pub(super) setpoint: &'r mut PoseSetpoint<T>,
     pub(super) measured: &'r Measurement<T>,
-    /// The table stands at its last tick.
-    pub(super) at_end: bool,
+    pub(super) cursor: &'r Cursor<'t, T>,
 }
 
 /// The motion of a run on the hybrid law.
@@ -149,7 +149,7 @@ fn towards<T: Scalar>(value: T, target: T, step: T) -> T {
     }
 }
 
-impl<T: Scalar> Motion<T> {
+impl<T: TableScalar> Motion<T> {
     /// At rest before a table that presses somewhere, or nowhere.
     pub(super) fn new(presses: bool) -> Self {
         Self {
@@ -244,12 +244,12 @@ impl<T: Scalar> Motion<T> {
         &mut self,
         law: &HybridLaw<T>,
         memory: &mut HybridState<T>,
-        reading: &mut Reading<'_, T>,
+        reading: &mut Reading<'_, '_, T>,
         saturations: &mut SaturationCounts<T::SaturationCount>,
     ) -> bool {
-        let slope = &mut reading.setpoint.root_slope;
-        *slope = slope.angle_minus(self.offset.negative());
-        if self.plain && reading.measured.force > self.forces.off && !reading.at_end {
+        let [_, planned] = &mut reading.setpoint.motor;
+        *planned = planned.angle_minus(self.offset.negative());
+        if self.plain && reading.measured.force > self.forces.off && !reading.cursor.at_end() {
             return true;
         }
         self.step(law, memory, reading, saturations)
@@ -262,7 +262,7 @@ impl<T: Scalar> Motion<T> {
         &mut self,
         law: &HybridLaw<T>,
         memory: &mut HybridState<T>,
-        reading: &mut Reading<'_, T>,
+        reading: &mut Reading<'_, '_, T>,
         saturations: &mut SaturationCounts<T::SaturationCount>,
     ) -> bool {
         let planned = reading.setpoint.force;
@@ -273,7 +273,7 @@ impl<T: Scalar> Motion<T> {
         match self.state {
             State::Start | State::Hold => {}
             State::Free => {
-                if reading.at_end {
+                if reading.cursor.at_end() {
                     self.state = State::Hold;
                 }
             }
@@ -289,7 +289,7 @@ impl<T: Scalar> Motion<T> {
     }
 
     /// Whether this tick's force is contact, or none.
-    fn judge(&mut self, law: &HybridLaw<T>, reading: &Reading<'_, T>) {
+    fn judge(&mut self, law: &HybridLaw<T>, reading: &Reading<'_, '_, T>) {
         let count = &mut T::SaturationCount::default();
         low_pass(
             &mut self.judged,
@@ -304,7 +304,7 @@ impl<T: Scalar> Motion<T> {
         &mut self,
         law: &HybridLaw<T>,
         memory: &mut HybridState<T>,
-        reading: &mut Reading<'_, T>,
+        reading: &mut Reading<'_, '_, T>,
     ) {
         let (force, planned) = (reading.measured.force, reading.setpoint.force);
         let count = &mut T::SaturationCount::default();
@@ -335,14 +335,14 @@ impl<T: Scalar> Motion<T> {
     }
 
     /// Counts joint 2's angle from `error` (rad) farther on.
-    fn turn(&mut self, reading: &mut Reading<'_, T>, error: T) {
+    fn turn(&mut self, reading: &mut Reading<'_, '_, T>, error: T) {
         let back = error.negative();
         self.offset = self.offset.angle_minus(back);
-        let slope = &mut reading.setpoint.root_slope;
-        *slope = slope.angle_minus(back);
+        let [_, planned] = &mut reading.setpoint.motor;
+        *planned = planned.angle_minus(back);
     }
 
-    fn approaching(&self, law: &HybridLaw<T>, reading: &Reading<'_, T>) -> State<T> {
+    fn approaching(&self, law: &HybridLaw<T>, reading: &Reading<'_, '_, T>) -> State<T> {
         State::Approach {
             turn: self.turn_of(law, reading, law.motion.approach_turn),
             left: law.motion.approach_ticks,
@@ -351,17 +351,16 @@ impl<T: Scalar> Motion<T> {
     }
 
     /// The angle that joint 2 turns for a way of the tip along the normal, rad.
-    fn turn_of(&self, law: &HybridLaw<T>, reading: &Reading<'_, T>, way: T) -> T {
-        let moment_arm = law.moment_arm2(reading.setpoint);
+    fn turn_of(&self, law: &HybridLaw<T>, reading: &Reading<'_, '_, T>, way: T) -> T {
         way.over(
-            moment_arm,
+            reading.setpoint.moment_arm,
             law.motion.turn,
             &mut T::SaturationCount::default(),
         )
     }
 
     /// Takes the wanted force, and the law's own, to where nothing presses.
-    fn unload(&mut self, memory: &mut HybridState<T>, reading: &Reading<'_, T>) -> bool {
+    fn unload(&mut self, memory: &mut HybridState<T>, reading: &Reading<'_, '_, T>) -> bool {
         let step = self.forces.step;
         let gone = reading.setpoint.force.negative();
         let integral = towards(T::of_sum(memory.force_integral), gone, step);
@@ -374,7 +373,7 @@ impl<T: Scalar> Motion<T> {
         &mut self,
         law: &HybridLaw<T>,
         memory: &mut HybridState<T>,
-        reading: &mut Reading<'_, T>,
+        reading: &mut Reading<'_, '_, T>,
     ) {
         let State::Approach {
             turn,
@@ -417,7 +416,7 @@ impl<T: Scalar> Motion<T> {
         &mut self,
         law: &HybridLaw<T>,
         memory: &mut HybridState<T>,
-        reading: &mut Reading<'_, T>,
+        reading: &mut Reading<'_, '_, T>,
         saturations: &mut SaturationCounts<T::SaturationCount>,
     ) {
         let planned = reading.setpoint.force;
@@ -455,8 +454,8 @@ impl<T: Scalar> Motion<T> {
             let touched = core::mem::take(&mut self.offset);
             if touched != T::ZERO {
                 law.recount(memory, (reading.setpoint, touched), saturations);
-                let slope = &mut reading.setpoint.root_slope;
-                *slope = slope.angle_minus(touched);
+                let [_, planned] = &mut reading.setpoint.motor;
+                *planned = planned.angle_minus(touched);
             }
         } else if law.motion.settle_ticks == 0
             || off.is_within(planned.scaled(law.motion.judged_share, count))
@@ -474,14 +473,14 @@ impl<T: Scalar> Motion<T> {
         }
     }
 
-    fn follow(&mut self, law: &HybridLaw<T>, below: u32, reading: &Reading<'_, T>) {
+    fn follow(&mut self, law: &HybridLaw<T>, below: u32, reading: &Reading<'_, '_, T>) {
         let below = self.forces.parted(below, reading.measured.force);
         self.reference = reading.setpoint.force;
         self.share = self.reference.sum();
         self.state = State::Follow { below };
         if below >= law.motion.believed[1] {
             self.lose();
-        } else if reading.at_end {
+        } else if reading.cursor.at_end() {
             self.retract(None);
         }
     }
@@ -495,7 +494,7 @@ impl<T: Scalar> Motion<T> {
         };
     }
 
-    fn lost(&mut self, law: &HybridLaw<T>, reading: &Reading<'_, T>) {
+    fn lost(&mut self, law: &HybridLaw<T>, reading: &Reading<'_, '_, T>) {
         let State::Lost { since, touching } = &mut self.state else {
             return;
         };
@@ -527,7 +526,7 @@ impl<T: Scalar> Motion<T> {
         &mut self,
         law: &HybridLaw<T>,
         memory: &mut HybridState<T>,
-        reading: &mut Reading<'_, T>,
+        reading: &mut Reading<'_, '_, T>,
     ) {
         // A sensor that has failed may be the gauge.
         memory.without_gauge |= self
@@ -571,7 +570,7 @@ impl<T: Scalar> Motion<T> {
         &mut self,
         law: &HybridLaw<T>,
         memory: &mut HybridState<T>,
-        reading: &mut Reading<'_, T>,
+        reading: &mut Reading<'_, '_, T>,
         saturations: &mut SaturationCounts<T::SaturationCount>,
     ) {
         let free = match self.state {
@@ -594,7 +593,7 @@ impl<T: Scalar> Motion<T> {
     fn want(
         &mut self,
         law: &HybridLaw<T>,
-        reading: &mut Reading<'_, T>,
+        reading: &mut Reading<'_, '_, T>,
         planned: T,
         saturations: &mut SaturationCounts<T::SaturationCount>,
     ) {
@@ -614,14 +613,15 @@ impl<T: Scalar> Motion<T> {
         );
         let missing = planned.minus(share, count);
         let count = &mut saturations.torque[0];
-        let without = law.force_on_joint1(reading.setpoint, missing, count);
+        let normal = reading.cursor.normal_angle(self.part);
+        let without = law.force_on_joint1(reading.setpoint, (normal, missing), count);
         let torque = &mut reading.setpoint.torque[0];
         *torque = torque.minus(without, count);
         reading.setpoint.force = self.reference;
     }
 
     /// Whether the table goes on by a tick.
-    fn go_on(&mut self, law: &HybridLaw<T>, reading: &Reading<'_, T>) -> bool {
+    fn go_on(&mut self, law: &HybridLaw<T>, reading: &Reading<'_, '_, T>) -> bool {
         let runs = self.begun
             && !self.paused
             && !matches!(self.state, State::Retract { .. } | State::Hold);
@@ -642,14 +642,14 @@ impl<T: Scalar> Motion<T> {
         if goes {
             self.part -= FULL;
         }
-        if reading.at_end {
+        if reading.cursor.at_end() {
             self.part = 0;
         }
         goes
     }
 }
 
-impl<T: Scalar> State<T> {
+impl<T: TableScalar> State<T> {
     /// In contact, from now on.
     fn contact(law: &HybridLaw<T>) -> Self {
         Self::Contact {

@@ -325,6 +325,11 @@ impl Scalar for Fixed {
     }
 
     #[inline]
+    fn fine(self, shift: u8, count: &mut u32) -> Self {
+        shifted(bits(self), shift, count)
+    }
+
+    #[inline]
     fn all_finite<const N: usize>(_values: [Self; N]) -> bool {
         true
     }
@@ -365,6 +370,23 @@ impl SiScalar for Fixed {
         ShiftedGain::new(value * core::f64::consts::PI / to.range())
     }
 
+    fn fine_shift(largest: f64) -> u8 {
+        let turned = Exponent::holding(largest / core::f64::consts::PI);
+        (-i32::from(turned.0)).clamp(0, 30) as u8
+    }
+
+    fn fine_gain(value: f64, shift: u8, to: Exponent) -> ShiftedGain {
+        Self::angle_gain(libm::ldexp(value, -i32::from(shift)), to)
+    }
+
+    fn fine_gain_value(gain: ShiftedGain, shift: u8, to: Exponent) -> f64 {
+        libm::ldexp(Self::angle_gain_value(gain, to), i32::from(shift))
+    }
+
+    fn angle_gain_value(gain: ShiftedGain, to: Exponent) -> f64 {
+        gain.ratio() * to.range() / core::f64::consts::PI
+    }
+
     fn gain_value(gain: ShiftedGain, from: Exponent, to: Exponent) -> f64 {
         gain.ratio() * to.range() / from.range()
     }
@@ -400,10 +422,16 @@ impl TableScalar for Fixed {
 
     #[inline]
     fn angle_column_scale(scaling: i8) -> Option<ColumnScale> {
+        Self::angle_term_scale(scaling, scaling)
+    }
+
+    #[inline]
+    fn angle_term_scale(scaling: i8, common: i8) -> Option<ColumnScale> {
         // Values are up to 2^30 units of the table, a third of that in half turns.
-        let net = 31 - i32::from(scaling);
+        let net = 31 - i32::from(common);
+        let more = i32::from(scaling) - i32::from(common);
         (net <= 31).then_some(ColumnScale {
-            down: (-net).clamp(0, 31) as u8,
+            down: (more - net.min(0)).clamp(0, 31) as u8,
             up: net.clamp(0, 31) as u8,
             angle: true,
         })

@@ -25,6 +25,7 @@
 //! | `a.times(b, shift, count)` | product | product of two signals in a third one's format; saturates and counts |
 //! | `a.times_in_range::<UP>(b)` | product | product with known formats |
 //! | `a.angle_minus(b)` | difference | wraps, as angles do |
+//! | `a.fine(shift, count)` | the angle | the same in a finer format, in which a large one saturates and counts |
 //! | `a.scaled(gain, count)` | product with a constant | the same with a change of format; saturates and counts |
 //! | `sum` = [`Scalar::Sum`] | the type itself | 64 bits: constants times signals are added up without rounding |
 
@@ -141,6 +142,9 @@ pub trait Scalar:
     /// Sine of an angle, in the format [`SiScalar::SINE`]; see [`crate::number::sine`].
     #[must_use]
     fn sine(self) -> Self;
+    /// A small angle in the finer format of [`SiScalar::fine_shift`]: exact, or saturates.
+    #[must_use]
+    fn fine(self, shift: Self::Shift, count: &mut Self::SaturationCount) -> Self;
 
     /// True when none of `values` is NaN or infinite.
     fn all_finite<const N: usize>(values: [Self; N]) -> bool;
@@ -186,8 +190,17 @@ pub trait SiScalar: Scalar {
     /// The constant `value`, in the unit of a signal of format `to` a radian, that takes an angle
     /// into that signal.
     fn angle_gain(value: f64, to: Self::Format) -> Self::Gain;
+    /// What makes angles up to `largest` (rad) as fine as their format allows: a shift for
+    /// [`Scalar::fine`].
+    fn fine_shift(largest: f64) -> Self::Shift;
+    /// As [`angle_gain`](Self::angle_gain), for an angle that was made fine by this shift.
+    fn fine_gain(value: f64, shift: Self::Shift, to: Self::Format) -> Self::Gain;
     /// What the gain is after rounding.
     fn gain_value(gain: Self::Gain, from: Self::Format, to: Self::Format) -> f64;
+    /// What a gain on angles is after rounding.
+    fn angle_gain_value(gain: Self::Gain, to: Self::Format) -> f64;
+    /// The same of a gain on fine angles.
+    fn fine_gain_value(gain: Self::Gain, shift: Self::Shift, to: Self::Format) -> f64;
     /// The filter coefficient nearest to `value`, at least 0 and below 1.
     fn alpha(value: f64) -> Self::Alpha;
     /// What the coefficient is after rounding.
@@ -208,6 +221,9 @@ pub trait TableScalar: SiScalar {
     fn column_scale(scaling: i8, format: Self::Format) -> Option<Self::ColumnScale>;
     /// The same for a column of angles, rad.
     fn angle_column_scale(scaling: i8) -> Option<Self::ColumnScale>;
+    /// The same for control points that are to be those of a column with the `common` scaling,
+    /// which is no larger: such control points can be added up.
+    fn angle_term_scale(scaling: i8, common: i8) -> Option<Self::ColumnScale>;
     /// A table's integer, of magnitude up to [`crate::table::RAW_MAX`], as a control point
     /// of the column's spline.
     fn control_point(raw: i32, column_scale: Self::ColumnScale) -> Self;

@@ -1,5 +1,7 @@
 //! What f32 and fixed point cost against f64.
 
 pub mod accuracy;
+mod bound;
 pub mod exact;
 pub mod range;
+pub mod trial;
