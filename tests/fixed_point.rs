@@ -148,7 +148,8 @@ fn the_hybrid_law_stays_within_its_bounds_in_every_trial() {
 }
 
 /// From the air through contact and along the path until the tip is lifted off: the motion comes
-/// to the same states in fixed point as in f64, within a tick or two, and asks for the same torques.
+/// to the same states in fixed point as in f64, within a tick or two, and asks
+/// for the same torques until the table begins.
 #[test]
 fn the_motion_in_fixed_point_is_that_of_f64() {
     let paper = &*PAPER;
@@ -187,13 +188,15 @@ fn the_motion_in_fixed_point_is_that_of_f64() {
         if seen.last().is_none_or(|(phase, _)| *phase != should.phase) {
             seen.push((should.phase, [should.tick, tick as u32]));
         }
-        if is.phase == should.phase && is.tick == should.tick {
+        // From there on the tables may be a tick apart, and the planned torques with them.
+        let begun = seen.iter().any(|(phase, _)| *phase == Phase::Follow);
+        if is.phase == should.phase && !begun {
             for joint in 0..2 {
                 let is = is.torque[joint].to_si(formats.torque[joint]);
                 worst[joint] = worst[joint].max((is - should.torque[joint]).abs());
             }
         }
-        if should.phase == Phase::Hold {
+        if [is.phase, should.phase] == [Phase::Hold; 2] {
             break;
         }
     }
