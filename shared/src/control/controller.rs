@@ -14,7 +14,7 @@ use crate::control::feedback::FeedbackLaw;
 use crate::control::hybrid::{HybridLaw, HybridState};
 use crate::control::law::{Law, LawParameters};
 use crate::control::limiter::{LimitParameters, TorqueLimiter};
-use crate::control::motion::{Motion, Reading};
+use crate::control::motion::Motion;
 use crate::control::paper::{PaperLaw, PaperState};
 use crate::fault::{Fault, Reaction};
 use crate::model::ArmParameters;
@@ -36,8 +36,6 @@ pub struct Command<T> {
     pub saturation: [Saturation; 2],
     /// Where the run is.
     pub phase: Phase,
-    /// How far from the plan the measurement was; zero while a fault is latched.
-    pub deviation: Deviation<T>,
     /// The latched fault, if any; the torques are then zero.
     pub fault: Option<Fault>,
 }
@@ -151,7 +149,7 @@ struct Gate<'c, T: TableScalar> {
 }
 
 impl<T: TableScalar> Gate<'_, T> {
-    /// One law's tick: the torques within the limits, and how they were limited. Leaves in
+    /// One law's tick: the torques within the limits, and how they were limited. Notes in
     /// `deviation` how far from the plan it is.
     ///
     /// # Errors
@@ -171,7 +169,7 @@ impl<T: TableScalar> Gate<'_, T> {
         }
         let demand = law.update(state, setpoint, measured, saturations);
         let torque = L::torque(&demand);
-        *deviation = L::deviation(&demand, setpoint, measured);
+        L::note(&demand, setpoint, measured, deviation);
         let free = [Saturation::None; 2];
         if measured.drive == free && self.limiter.permits(self.previous, torque) {
             return Ok((torque, free));
@@ -193,6 +191,8 @@ pub struct Controller<'a, T: TableScalar> {
     /// Torques of the tick before, if there was one.
     previous: Option<[T; 2]>,
     fault: Option<Fault>,
+    /// What the law notes of it.
+    deviation: Deviation<T>,
     saturations: SaturationCounts<T::SaturationCount>,
 }
 
@@ -255,6 +255,7 @@ impl<'a, T: TableScalar> Controller<'a, T> {
             cursor,
             previous: None,
             fault: None,
+            deviation: Deviation::default(),
             saturations: SaturationCounts::default(),
         }
     }
@@ -271,6 +272,7 @@ impl<'a, T: TableScalar> Controller<'a, T> {
         }
         self.previous = None;
         self.fault = None;
+        self.deviation = Deviation::default();
         self.saturations = SaturationCounts::default();
     }
 
@@ -350,6 +352,25 @@ impl<'a, T: TableScalar> Controller<'a, T> {
         }
     }
 
+    /// How far from the plan the last tick's measurement was; zero while a fault is latched.
+    #[inline]
+    pub fn deviation(&self) -> Deviation<T> {
+        if self.fault.is_some() {
+            return Deviation::default();
+        }
+        let mut deviation = self.deviation;
+        if let Feedback::Hybrid(_, state, motion) = &self.feedback {
+            deviation.angle = state.angle_error.unwrap_or_default();
+            if !motion.on_plan() {
+                // The wanted force is not the table's, whose moment is part of its torque,
+                // and the link is bent by another one than planned.
+                deviation.balance = T::ZERO;
+                deviation.angle[1] = T::ZERO;
+            }
+        }
+        deviation
+    }
+
     /// How often each signal has saturated since the start.
     pub fn saturations(&self) -> &SaturationCounts<T::SaturationCount> {
         &self.saturations
@@ -362,39 +383,23 @@ impl<'a, T: TableScalar> Controller<'a, T> {
         let mut torque = [T::ZERO; 2];
         let mut saturation = [Saturation::None; 2];
         let mut goes_on = true;
-        let mut deviation = Deviation {
-            angle: [T::ZERO; 2],
-            force: T::ZERO,
-            root_moment: T::ZERO,
-            balance: T::ZERO,
-        };
         if self.fault.is_none() {
             let gate = Gate {
                 limiter: &self.limiter,
                 previous: self.previous,
             };
             let counts = &mut self.saturations;
+            let deviation = &mut self.deviation;
             let given = match &mut self.feedback {
                 Feedback::Paper(law, state) => {
                     let setpoint = self.cursor.setpoint();
-                    gate.tick(law, state, &setpoint, measured, counts, &mut deviation)
+                    gate.tick(law, state, &setpoint, measured, counts, deviation)
                 }
                 Feedback::Hybrid(law, state, motion) => {
-                    let mut setpoint = self.cursor.pose(motion.part());
-                    let mut reading = Reading {
-                        setpoint: &mut setpoint,
-                        measured,
-                        cursor: &self.cursor,
-                    };
-                    goes_on = motion.tick(law, state, &mut reading, counts);
-                    let given = gate.tick(law, state, &setpoint, measured, counts, &mut deviation);
-                    if !motion.on_plan() {
-                        // The wanted force is not the table's, whose moment is part of its torque,
-                        // and the link is bent by another one than planned.
-                        deviation.balance = T::ZERO;
-                        deviation.angle[1] = T::ZERO;
-                    }
-                    given
+                    let read = (measured, &self.cursor);
+                    let (setpoint, on) = motion.tick(law, state, read, counts);
+                    goes_on = on;
+                    gate.tick(law, state, &setpoint, measured, counts, deviation)
                 }
             };
             match given {
@@ -411,7 +416,6 @@ impl<'a, T: TableScalar> Controller<'a, T> {
             tick,
             saturation,
             phase: self.phase(),
-            deviation,
             fault: self.fault,
         }
     }

@@ -25,12 +25,13 @@ pub(super) trait FeedbackLaw<T: Scalar> {
     ) -> Self::Demand;
     /// The torques asked for, N m.
     fn torque(demand: &Self::Demand) -> [T; 2];
-    /// How far from the plan the measurement was.
-    fn deviation(
+    /// Notes how far from the plan the measurement was: what the law knows of it beside its state.
+    fn note(
         demand: &Self::Demand,
         setpoint: &Self::Setpoint,
         measured: &Measurement<T>,
-    ) -> Deviation<T>;
+        deviation: &mut Deviation<T>,
+    );
     /// Takes back what pushed a joint farther into its limit.
     fn anti_windup(
         &self,

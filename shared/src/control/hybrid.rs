@@ -168,6 +168,16 @@ impl<T: Scalar> Default for HybridState<T> {
     }
 }
 
+impl<T: Scalar> HybridState<T> {
+    /// The first tick, at which the errors before are the present ones.
+    #[cold]
+    #[inline(never)]
+    fn begin(&mut self, error: [T; 2]) -> [T; 2] {
+        self.angle_error = Some(error);
+        error
+    }
+}
+
 /// Torques that the hybrid law asks for, before any limit, and what
 /// [`HybridLaw::anti_windup`] wants to know of them.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -176,8 +186,6 @@ pub struct HybridDemand<T: Scalar> {
     pub torque: [T; 2],
     /// s2: joint 2's torque of a unit force along the surface normal, m.
     pub moment_arm: T,
-    /// Errors of the motors' angles, rad.
-    angle_error: [T; 2],
     /// Planned force less the measured one, N.
     force_error: T,
     /// Its moment about joint 2, phi, N m.
@@ -291,7 +299,6 @@ impl<T: Scalar> HybridLaw<T> {
         HybridDemand {
             torque: [tau1, want.plus(T::of_sum(state.torque_correction), count)],
             moment_arm,
-            angle_error: error,
             force_error,
             force_moment: phi,
             moment_error,
@@ -398,8 +405,10 @@ impl<T: Scalar> HybridLaw<T> {
         error: [T; 2],
         saturations: &mut SaturationCounts<T::SaturationCount>,
     ) -> [T; 2] {
-        let before = state.angle_error.unwrap_or(error);
-        state.angle_error = Some(error);
+        let before = match &mut state.angle_error {
+            Some(before) => core::mem::replace(before, error),
+            None => state.begin(error),
+        };
         [0, 1].map(|joint| {
             low_pass(
                 &mut state.rate_error[joint],
@@ -498,6 +507,17 @@ impl<T: Scalar> HybridLaw<T> {
 /// The sum, no farther from zero than `limit`, which is not negative.
 #[inline]
 fn clipped<T: Scalar>(sum: T::Sum, limit: T) -> T::Sum {
+    if T::of_sum(sum).is_within(limit) {
+        sum
+    } else {
+        beyond(sum, limit)
+    }
+}
+
+/// The same of one that may be farther: seldom.
+#[cold]
+#[inline(never)]
+fn beyond<T: Scalar>(sum: T::Sum, limit: T) -> T::Sum {
     let (low, high) = (limit.negative().sum(), limit.sum());
     if sum > high {
         high
@@ -536,21 +556,19 @@ impl<T: Scalar> FeedbackLaw<T> for HybridLaw<T> {
     }
 
     #[inline]
-    fn deviation(
+    fn note(
         demand: &Self::Demand,
         setpoint: &Self::Setpoint,
         measured: &Measurement<T>,
-    ) -> Deviation<T> {
+        deviation: &mut Deviation<T>,
+    ) {
         let count = &mut T::SaturationCount::default();
-        Deviation {
-            angle: demand.angle_error,
-            force: demand.force_error.negative(),
-            root_moment: demand.moment_error,
-            balance: measured
-                .root_moment
-                .minus(setpoint.torque[1], count)
-                .minus(demand.force_moment, count),
-        }
+        deviation.force = demand.force_error.negative();
+        deviation.root_moment = demand.moment_error;
+        deviation.balance = measured
+            .root_moment
+            .minus(setpoint.torque[1], count)
+            .minus(demand.force_moment, count);
     }
 
     #[inline]

@@ -101,10 +101,10 @@ enum State<T> {
 }
 
 /// What the law reads at a tick: the setpoint, which the motion changes, and the measurement.
-pub(super) struct Reading<'r, 't, T: TableScalar> {
-    pub(super) setpoint: &'r mut PoseSetpoint<T>,
-    pub(super) measured: &'r Measurement<T>,
-    pub(super) cursor: &'r Cursor<'t, T>,
+struct Reading<'r, 't, T: TableScalar> {
+    setpoint: &'r mut PoseSetpoint<T>,
+    measured: &'r Measurement<T>,
+    cursor: &'r Cursor<'t, T>,
 }
 
 /// The motion of a run on the hybrid law.
@@ -233,26 +233,28 @@ impl<T: TableScalar> Motion<T> {
         }
     }
 
-    /// Part of a tick, in units of 2^-16, by which the setpoint is beyond the cursor's tick.
-    pub(super) fn part(&self) -> u32 {
-        self.part
-    }
-
-    /// One tick: changes what the law is to read. True when the table goes on by a tick.
+    /// One tick: what the law is to read, and whether the table goes on by a tick.
     #[inline]
     pub(super) fn tick(
         &mut self,
         law: &HybridLaw<T>,
         memory: &mut HybridState<T>,
-        reading: &mut Reading<'_, '_, T>,
+        (measured, cursor): (&Measurement<T>, &Cursor<'_, T>),
         saturations: &mut SaturationCounts<T::SaturationCount>,
-    ) -> bool {
-        let [_, planned] = &mut reading.setpoint.motor;
-        *planned = planned.angle_minus(self.offset.negative());
-        if self.plain && reading.measured.force > self.forces.off && !reading.cursor.at_end() {
-            return true;
+    ) -> (PoseSetpoint<T>, bool) {
+        if self.plain && measured.force > self.forces.off && !cursor.at_end() {
+            return (self.counted(cursor.pose(0)), true);
         }
-        self.step(law, memory, reading, saturations)
+        // In registers above, in memory below.
+        self.step(law, memory, (measured, cursor), saturations)
+    }
+
+    /// The planned pose with joint 2's angle counted from where it is to stand.
+    #[inline]
+    fn counted(&self, mut planned: PoseSetpoint<T>) -> PoseSetpoint<T> {
+        let [_, motor2] = &mut planned.motor;
+        *motor2 = motor2.angle_minus(self.offset.negative());
+        planned
     }
 
     /// A tick that is not like the one before.
@@ -262,9 +264,15 @@ impl<T: TableScalar> Motion<T> {
         &mut self,
         law: &HybridLaw<T>,
         memory: &mut HybridState<T>,
-        reading: &mut Reading<'_, '_, T>,
+        (measured, cursor): (&Measurement<T>, &Cursor<'_, T>),
         saturations: &mut SaturationCounts<T::SaturationCount>,
-    ) -> bool {
+    ) -> (PoseSetpoint<T>, bool) {
+        let mut setpoint = self.counted(cursor.pose(self.part));
+        let reading = &mut Reading {
+            setpoint: &mut setpoint,
+            measured,
+            cursor,
+        };
         let planned = reading.setpoint.force;
         self.judge(law, reading);
         if let State::Start = self.state {
@@ -285,7 +293,8 @@ impl<T: TableScalar> Motion<T> {
         }
         self.choose_gains(law, memory, reading, saturations);
         self.want(law, reading, planned, saturations);
-        self.go_on(law, reading)
+        let goes_on = self.go_on(law, reading);
+        (setpoint, goes_on)
     }
 
     /// Whether this tick's force is contact, or none.

@@ -447,18 +447,14 @@ impl<T: Scalar> FeedbackLaw<T> for PaperLaw<T> {
     }
 
     #[inline]
-    fn deviation(
+    fn note(
         _: &Self::Demand,
         setpoint: &Self::Setpoint,
         measured: &Measurement<T>,
-    ) -> Deviation<T> {
+        deviation: &mut Deviation<T>,
+    ) {
         let count = &mut T::SaturationCount::default();
-        Deviation {
-            angle: [T::ZERO; 2],
-            force: measured.force.minus(setpoint.force, count),
-            root_moment: T::ZERO,
-            balance: T::ZERO,
-        }
+        deviation.force = measured.force.minus(setpoint.force, count);
     }
 
     #[inline]
