@@ -141,43 +141,102 @@ impl<T: TableScalar> Feedback<T> {
     }
 }
 
+/// What a controller gives.
+#[derive(Clone, Copy, Debug)]
+struct Given<T> {
+    /// Torques (tau1, tau2), N m.
+    torque: [T; 2],
+    /// How they were limited.
+    saturation: [Saturation; 2],
+    /// At a tick before the present one, so that their rates have a limit.
+    before: bool,
+    /// The latched fault, for which there is no torque.
+    fault: Option<Fault>,
+}
+
+impl<T: TableScalar> Given<T> {
+    /// Nothing yet, or none for a fault.
+    const fn none(fault: Option<Fault>) -> Self {
+        Self {
+            torque: [T::ZERO; 2],
+            saturation: [Saturation::None; 2],
+            before: fault.is_some(),
+            fault,
+        }
+    }
+}
+
 /// What a law's torques pass on their way to the drives.
 struct Gate<'c, T: TableScalar> {
     limiter: &'c TorqueLimiter<T>,
-    /// Torques of the tick before, if there was one.
-    previous: Option<[T; 2]>,
+    /// What was given at the tick before, and then at this one.
+    given: &'c mut Given<T>,
+    deviation: &'c mut Deviation<T>,
 }
 
 impl<T: TableScalar> Gate<'_, T> {
-    /// One law's tick: the torques within the limits, and how they were limited. Notes in
-    /// `deviation` how far from the plan it is.
-    ///
-    /// # Errors
-    /// The fault for which there must be no torque.
+    /// One law's tick: gives the torques within the limits, or none and the fault for which there
+    /// must be none. Notes how far from the plan the measurement is.
     #[inline]
     fn tick<L: FeedbackLaw<T>>(
-        &self,
+        self,
         law: &L,
         state: &mut L::State,
-        setpoint: &L::Setpoint,
-        measured: &Measurement<T>,
+        (setpoint, measured): (&L::Setpoint, &Measurement<T>),
         saturations: &mut SaturationCounts<T::SaturationCount>,
-        deviation: &mut Deviation<T>,
-    ) -> Result<([T; 2], [Saturation; 2]), Fault> {
-        if !L::reads_finite(measured) {
-            return Err(Fault::MeasurementNotFinite);
-        }
+    ) {
+        let sound = L::shows_in_torque(measured);
         let demand = law.update(state, setpoint, measured, saturations);
-        let torque = L::torque(&demand);
-        L::note(&demand, setpoint, measured, deviation);
-        let free = [Saturation::None; 2];
-        if measured.drive == free && self.limiter.permits(self.previous, torque) {
-            return Ok((torque, free));
+        let [torque1, torque2] = L::torque(&demand);
+        L::note(&demand, setpoint, measured, self.deviation);
+        let [drive1, drive2] = measured.drive.map(|limit| limit as u8);
+        if sound
+            && drive1 | drive2 == Saturation::None as u8
+            && self.given.before
+            && self.limiter.permits(self.given.torque, [torque1, torque2])
+        {
+            self.given.torque[0] = torque1;
+            self.given.torque[1] = torque2;
+            self.given.saturation = [Saturation::None; 2];
+        } else {
+            self.limited(law, state, demand, measured);
         }
-        let (torque, saturation) = self.limiter.limit(self.previous, torque)?;
-        let any = [0, 1].map(|joint| saturation[joint].or(measured.drive[joint]));
-        law.anti_windup(state, &demand, any);
-        Ok((torque, saturation))
+    }
+
+    /// A tick in which a torque is limited or undefined, or the first.
+    #[cold]
+    #[inline(never)]
+    fn limited<L: FeedbackLaw<T>>(
+        self,
+        law: &L,
+        state: &mut L::State,
+        demand: L::Demand,
+        measured: &Measurement<T>,
+    ) {
+        let Given { torque, before, .. } = *self.given;
+        let limited = if L::reads_finite(measured) {
+            let previous = before.then_some(torque);
+            self.limiter.limit(previous, L::torque(&demand))
+        } else {
+            Err(Fault::MeasurementNotFinite)
+        };
+        match limited {
+            Ok((torque, saturation)) => {
+                let any = [0, 1].map(|joint| saturation[joint].or(measured.drive[joint]));
+                law.anti_windup(state, &demand, any);
+                *self.given = Given {
+                    torque,
+                    saturation,
+                    before: true,
+                    fault: None,
+                };
+            }
+            Err(fault) => {
+                // What is not finite may be in it.
+                *state = L::State::default();
+                *self.given = Given::none(Some(fault));
+            }
+        }
     }
 }
 
@@ -188,10 +247,8 @@ pub struct Controller<'a, T: TableScalar> {
     limiter: TorqueLimiter<T>,
     table: Table<'a>,
     cursor: Cursor<'a, T>,
-    /// Torques of the tick before, if there was one.
-    previous: Option<[T; 2]>,
-    fault: Option<Fault>,
-    /// What the law notes of it.
+    given: Given<T>,
+    /// What the law notes of it, the force the other way round.
     deviation: Deviation<T>,
     saturations: SaturationCounts<T::SaturationCount>,
 }
@@ -253,8 +310,7 @@ impl<'a, T: TableScalar> Controller<'a, T> {
             limiter,
             table: *table,
             cursor,
-            previous: None,
-            fault: None,
+            given: Given::none(None),
             deviation: Deviation::default(),
             saturations: SaturationCounts::default(),
         }
@@ -270,8 +326,7 @@ impl<'a, T: TableScalar> Controller<'a, T> {
                 motion.restart();
             }
         }
-        self.previous = None;
-        self.fault = None;
+        self.given = Given::none(None);
         self.deviation = Deviation::default();
         self.saturations = SaturationCounts::default();
     }
@@ -279,7 +334,7 @@ impl<'a, T: TableScalar> Controller<'a, T> {
     /// Latches a fault that was found outside the controller, unless one is latched
     /// already: torques are zero from the next tick on.
     pub fn trip(&mut self, fault: Fault) {
-        self.fault = self.fault.or(Some(fault));
+        self.given.fault = self.given.fault.or(Some(fault));
     }
 
     /// Ends the run: the table stops, the force is taken away, the tip lifted off, and the arm
@@ -287,7 +342,7 @@ impl<'a, T: TableScalar> Controller<'a, T> {
     /// motion, and there a cause switches off.
     pub fn retract(&mut self, cause: Option<Fault>) {
         match &mut self.feedback {
-            Feedback::Paper(..) => self.fault = self.fault.or(cause),
+            Feedback::Paper(..) => self.given.fault = self.given.fault.or(cause),
             Feedback::Hybrid(_, _, motion) => motion.retract(cause),
         }
     }
@@ -336,7 +391,7 @@ impl<'a, T: TableScalar> Controller<'a, T> {
 
     /// The latched fault, for which there is no torque.
     pub fn fault(&self) -> Option<Fault> {
-        self.fault
+        self.given.fault
     }
 
     /// True when the table's last tick has been reached; further ticks hold it.
@@ -355,10 +410,13 @@ impl<'a, T: TableScalar> Controller<'a, T> {
     /// How far from the plan the last tick's measurement was; zero while a fault is latched.
     #[inline]
     pub fn deviation(&self) -> Deviation<T> {
-        if self.fault.is_some() {
+        if self.given.fault.is_some() {
             return Deviation::default();
         }
-        let mut deviation = self.deviation;
+        let mut deviation = Deviation {
+            force: self.deviation.force.negative(),
+            ..self.deviation
+        };
         if let Feedback::Hybrid(_, state, motion) = &self.feedback {
             deviation.angle = state.angle_error.unwrap_or_default();
             if !motion.on_plan() {
@@ -380,43 +438,46 @@ impl<'a, T: TableScalar> Controller<'a, T> {
     #[inline]
     pub fn tick(&mut self, measured: &Measurement<T>) -> Command<T> {
         let tick = self.cursor.tick();
-        let mut torque = [T::ZERO; 2];
-        let mut saturation = [Saturation::None; 2];
-        let mut goes_on = true;
-        if self.fault.is_none() {
+        if self.given.fault.is_none() {
             let gate = Gate {
                 limiter: &self.limiter,
-                previous: self.previous,
+                given: &mut self.given,
+                deviation: &mut self.deviation,
             };
             let counts = &mut self.saturations;
-            let deviation = &mut self.deviation;
-            let given = match &mut self.feedback {
+            // Each law goes on by itself, so that neither asks for what is the other's.
+            match &mut self.feedback {
                 Feedback::Paper(law, state) => {
                     let setpoint = self.cursor.setpoint();
-                    gate.tick(law, state, &setpoint, measured, counts, deviation)
+                    gate.tick(law, state, (&setpoint, measured), counts);
+                    self.cursor.advance();
                 }
                 Feedback::Hybrid(law, state, motion) => {
                     let read = (measured, &self.cursor);
-                    let (setpoint, on) = motion.tick(law, state, read, counts);
-                    goes_on = on;
-                    gate.tick(law, state, &setpoint, measured, counts, deviation)
+                    let (setpoint, goes_on) = motion.tick(law, state, read, counts);
+                    gate.tick(law, state, (&setpoint, measured), counts);
+                    if goes_on {
+                        self.cursor.advance();
+                    }
                 }
-            };
-            match given {
-                Ok(given) => (torque, saturation) = given,
-                Err(fault) => self.fault = Some(fault),
             }
-        }
-        self.previous = Some(torque);
-        if goes_on {
-            self.cursor.advance();
+        } else {
+            self.go_on_without_torque();
         }
         Command {
-            torque,
+            torque: self.given.torque,
             tick,
-            saturation,
+            saturation: self.given.saturation,
             phase: self.phase(),
-            fault: self.fault,
+            fault: self.given.fault,
         }
+    }
+
+    /// A tick of a controller with a fault: the table goes on.
+    #[cold]
+    #[inline(never)]
+    fn go_on_without_torque(&mut self) {
+        self.given = Given::none(self.given.fault);
+        self.cursor.advance();
     }
 }

@@ -533,10 +533,15 @@ impl<T: Scalar> FeedbackLaw<T> for HybridLaw<T> {
     type State = HybridState<T>;
     type Demand = HybridDemand<T>;
 
-    #[inline]
     fn reads_finite(measured: &Measurement<T>) -> bool {
         let [m1, m2] = measured.motor;
         T::all_finite([m1, m2, measured.root_moment, measured.force])
+    }
+
+    #[inline]
+    fn shows_in_torque(measured: &Measurement<T>) -> bool {
+        // D is within its limit whatever the moment is.
+        T::all_finite([measured.root_moment])
     }
 
     #[inline]
@@ -563,7 +568,7 @@ impl<T: Scalar> FeedbackLaw<T> for HybridLaw<T> {
         deviation: &mut Deviation<T>,
     ) {
         let count = &mut T::SaturationCount::default();
-        deviation.force = demand.force_error.negative();
+        deviation.force = demand.force_error;
         deviation.root_moment = demand.moment_error;
         deviation.balance = measured
             .root_moment
