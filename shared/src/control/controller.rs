@@ -144,24 +144,28 @@ impl<T: TableScalar> Feedback<T> {
 /// What a controller gives.
 #[derive(Clone, Copy, Debug)]
 struct Given<T> {
-    /// Torques (tau1, tau2), N m.
+    /// Torques (tau1, tau2), N m; unknown before the first tick, whose rates have no limit.
     torque: [T; 2],
     /// How they were limited.
     saturation: [Saturation; 2],
-    /// At a tick before the present one, so that their rates have a limit.
-    before: bool,
     /// The latched fault, for which there is no torque.
     fault: Option<Fault>,
 }
 
 impl<T: TableScalar> Given<T> {
-    /// Nothing yet, or none for a fault.
+    /// Nothing yet.
+    const NOTHING: Self = Self {
+        torque: [T::UNKNOWN; 2],
+        saturation: [Saturation::None; 2],
+        fault: None,
+    };
+
+    /// None for a fault.
     const fn none(fault: Option<Fault>) -> Self {
         Self {
             torque: [T::ZERO; 2],
-            saturation: [Saturation::None; 2],
-            before: fault.is_some(),
             fault,
+            ..Self::NOTHING
         }
     }
 }
@@ -192,7 +196,6 @@ impl<T: TableScalar> Gate<'_, T> {
         let [drive1, drive2] = measured.drive.map(|limit| limit as u8);
         if sound
             && drive1 | drive2 == Saturation::None as u8
-            && self.given.before
             && self.limiter.permits(self.given.torque, [torque1, torque2])
         {
             self.given.torque[0] = torque1;
@@ -213,9 +216,9 @@ impl<T: TableScalar> Gate<'_, T> {
         demand: L::Demand,
         measured: &Measurement<T>,
     ) {
-        let Given { torque, before, .. } = *self.given;
+        let previous = self.given.torque;
         let limited = if L::reads_finite(measured) {
-            let previous = before.then_some(torque);
+            let previous = previous[0].is_known().then_some(previous);
             self.limiter.limit(previous, L::torque(&demand))
         } else {
             Err(Fault::MeasurementNotFinite)
@@ -227,7 +230,6 @@ impl<T: TableScalar> Gate<'_, T> {
                 *self.given = Given {
                     torque,
                     saturation,
-                    before: true,
                     fault: None,
                 };
             }
@@ -310,7 +312,7 @@ impl<'a, T: TableScalar> Controller<'a, T> {
             limiter,
             table: *table,
             cursor,
-            given: Given::none(None),
+            given: Given::NOTHING,
             deviation: Deviation::default(),
             saturations: SaturationCounts::default(),
         }
@@ -326,7 +328,7 @@ impl<'a, T: TableScalar> Controller<'a, T> {
                 motion.restart();
             }
         }
-        self.given = Given::none(None);
+        self.given = Given::NOTHING;
         self.deviation = Deviation::default();
         self.saturations = SaturationCounts::default();
     }

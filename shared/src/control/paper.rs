@@ -429,7 +429,6 @@ impl<T: Scalar> FeedbackLaw<T> for PaperLaw<T> {
         T::all_finite([
             measured.angle[0],
             measured.angle[1],
-            measured.root_slope,
             measured.root_slope_rate,
             measured.force,
         ])
@@ -437,8 +436,8 @@ impl<T: Scalar> FeedbackLaw<T> for PaperLaw<T> {
 
     #[inline]
     fn shows_in_torque(measured: &Measurement<T>) -> bool {
-        // A sine is within 1 whatever the angle is, and the law does not use the slope itself.
-        T::all_finite([measured.angle[0], measured.angle[1], measured.root_slope])
+        // A sine is within 1 whatever the angle is.
+        T::all_finite(measured.angle)
     }
 
     #[inline]

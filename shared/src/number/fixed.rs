@@ -202,6 +202,7 @@ impl Scalar for Fixed {
     type SaturationCount = u32;
 
     const ZERO: Self = of(0);
+    const UNKNOWN: Self = of(i32::MIN);
 
     #[inline]
     fn constant(constant: Constant) -> Self {
@@ -327,6 +328,11 @@ impl Scalar for Fixed {
     #[inline]
     fn fine(self, shift: u8, count: &mut u32) -> Self {
         shifted(bits(self), shift, count)
+    }
+
+    #[inline]
+    fn is_known(self) -> bool {
+        bits(self) != i32::MIN
     }
 
     #[inline]

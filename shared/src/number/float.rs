@@ -15,6 +15,7 @@ macro_rules! float {
             type SaturationCount = ();
 
             const ZERO: Self = 0.0;
+            const UNKNOWN: Self = Self::NAN;
 
             #[inline]
             fn constant(constant: Constant) -> Self {
@@ -116,6 +117,11 @@ macro_rules! float {
             #[inline]
             fn fine(self, (): (), (): &mut ()) -> Self {
                 self
+            }
+
+            #[inline]
+            fn is_known(self) -> bool {
+                !self.is_nan()
             }
 
             // Zero times such a value is NaN, and so is the sum: one comparison for all.

@@ -87,6 +87,8 @@ pub trait Scalar:
 
     /// 0.
     const ZERO: Self;
+    /// What no torque is: it is within no limit of another number, or that is within any.
+    const UNKNOWN: Self;
 
     /// The constant.
     fn constant(constant: Constant) -> Self;
@@ -146,6 +148,8 @@ pub trait Scalar:
     #[must_use]
     fn fine(self, shift: Self::Shift, count: &mut Self::SaturationCount) -> Self;
 
+    /// False for [`UNKNOWN`](Self::UNKNOWN).
+    fn is_known(self) -> bool;
     /// True when none of `values` is NaN or infinite.
     fn all_finite<const N: usize>(values: [Self; N]) -> bool;
     /// True when the magnitude is below a limit, which is not negative; false for NaN and

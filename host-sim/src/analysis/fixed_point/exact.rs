@@ -28,6 +28,7 @@ impl Scalar for Exact {
     type SaturationCount = u32;
 
     const ZERO: Self = Self(0.0);
+    const UNKNOWN: Self = Self(f64::NAN);
 
     fn constant(constant: Constant) -> Self {
         // The exponent is in the bits.
@@ -107,6 +108,10 @@ impl Scalar for Exact {
 
     fn sine(self) -> Self {
         Self(0.5 * Scalar::sine(PI * self.0))
+    }
+
+    fn is_known(self) -> bool {
+        !self.0.is_nan()
     }
 
     fn all_finite<const N: usize>(values: [Self; N]) -> bool {
