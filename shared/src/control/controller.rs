@@ -451,16 +451,16 @@ impl<'a, T: TableScalar> Controller<'a, T> {
             match &mut self.feedback {
                 Feedback::Paper(law, state) => {
                     let setpoint = self.cursor.setpoint();
-                    gate.tick(law, state, (&setpoint, measured), counts);
                     self.cursor.advance();
+                    gate.tick(law, state, (&setpoint, measured), counts);
                 }
                 Feedback::Hybrid(law, state, motion) => {
                     let read = (measured, &self.cursor);
                     let (setpoint, goes_on) = motion.tick(law, state, read, counts);
-                    gate.tick(law, state, (&setpoint, measured), counts);
                     if goes_on {
                         self.cursor.advance();
                     }
+                    gate.tick(law, state, (&setpoint, measured), counts);
                 }
             }
         } else {

@@ -87,7 +87,7 @@ pub trait Scalar:
 
     /// 0.
     const ZERO: Self;
-    /// What no torque is: it is within no limit of another number, or that is within any.
+    /// What no torque is. A step from it is within no limit, or within one that holds back nothing.
     const UNKNOWN: Self;
 
     /// The constant.
