@@ -194,6 +194,16 @@ const SUM_POINT: u32 = 31;
 /// A sum's end of range in its upper word: there its number is at the end of its own.
 const SUM_TOP: i32 = 1 << 30;
 
+/// The end of the range that is nearest to a sum beyond it. Few sums are: out of line, the others
+/// take an addition and a branch to see that they are not.
+#[cold]
+#[inline(never)]
+fn held_sum(sum: i64, count: &mut u32) -> i64 {
+    count_saturation(count);
+    let end = i64::from(SUM_TOP) << 32;
+    if sum < 0 { -end } else { end - 1 }
+}
+
 impl Scalar for Fixed {
     type Gain = ShiftedGain;
     type Alpha = i32;
@@ -295,15 +305,12 @@ impl Scalar for Fixed {
         // Both are at most 2^62 in magnitude, and one of them less.
         debug_assert!(sum.checked_add(more).is_some());
         let sum = sum.wrapping_add(more);
+        // From -SUM_TOP to below SUM_TOP.
         let top = (sum >> 32) as i32;
-        if top >= SUM_TOP {
-            count_saturation(count);
-            (i64::from(SUM_TOP) << 32) - 1
-        } else if top < -SUM_TOP {
-            count_saturation(count);
-            -(i64::from(SUM_TOP) << 32)
-        } else {
+        if top.wrapping_add(SUM_TOP) >= 0 {
             sum
+        } else {
+            held_sum(sum, count)
         }
     }
 
