@@ -70,8 +70,8 @@ pub(super) struct Joint2<T: Scalar> {
     pub(super) force_integral: T::Alpha,
     /// K_T times the control period.
     pub(super) torque_loop: T::Alpha,
-    /// What the section's states keep of themselves and take of each other.
-    pub(super) rotation: [T::Alpha; 2],
+    /// What the section's states keep of themselves, and what x takes of y and y of x.
+    pub(super) rotation: [T::Alpha; 3],
     /// w T g.
     pub(super) section_angle: [T::Gain; 2],
     /// w T h.
@@ -88,12 +88,13 @@ impl<T: SiScalar> Joint2<T> {
         torque: T::Format,
     ) -> Self {
         let section = p.section_frequency_rad_s / rate_hz;
+        let [keeps, takes] = p.rotation(rate_hz);
         Self {
             stiffness: T::angle_gain(p.stiffness_nm_rad, torque),
             damping: T::fine_gain(p.damping_nms_rad * rate_hz, fine, torque),
             force_integral: T::alpha(force_integral_per_s / rate_hz),
             torque_loop: T::alpha(p.torque_loop_per_s / rate_hz),
-            rotation: p.rotation(rate_hz).map(T::alpha),
+            rotation: [keeps, takes, -takes].map(T::alpha),
             section_angle: p
                 .section_angle_nm_rad
                 .map(|gain| T::angle_gain(section * gain, torque)),
@@ -188,8 +189,8 @@ pub struct HybridDemand<T: Scalar> {
     pub moment_arm: T,
     /// Planned force less the measured one, N.
     force_error: T,
-    /// Its moment about joint 2, phi, N m.
-    force_moment: T,
+    /// Its moment about joint 2, -phi, N m.
+    missing_moment: T,
     /// Root moment that is wanted less the measured one, N m.
     moment_error: T,
     /// Place integral, force integral and torque correction without this tick's steps.
@@ -284,10 +285,8 @@ impl<T: Scalar> HybridLaw<T> {
             .minus(rate[1].scaled(joint2.damping, count), count)
             .minus(error[1].scaled(joint2.stiffness, count), count)
             .plus(T::of_sum(state.section[0]), count);
-        let phi = moment_arm
-            .times(force_error, self.torque[1], count)
-            .negative();
-        Self::advance_section(joint2, state, error[1], phi, count);
+        let missing = moment_arm.times(force_error, self.torque[1], count);
+        Self::advance_section(joint2, state, error[1], missing, count);
         let moment_error = want.minus(measured.root_moment, count);
         if !state.without_gauge {
             let step = moment_error.times_alpha(joint2.torque_loop);
@@ -300,7 +299,7 @@ impl<T: Scalar> HybridLaw<T> {
             torque: [tau1, want.plus(T::of_sum(state.torque_correction), count)],
             moment_arm,
             force_error,
-            force_moment: phi,
+            missing_moment: missing,
             moment_error,
             before,
         }
@@ -444,25 +443,26 @@ impl<T: Scalar> HybridLaw<T> {
             .minus(rate.scaled(self.damping, count), count)
     }
 
-    /// The section's next state, from joint 2's error (rad) and the force error's moment (N m).
+    /// The section's next state, from joint 2's error (rad) and the force error's moment about it,
+    /// -phi (N m).
     #[inline]
     fn advance_section(
         joint2: &Joint2<T>,
         state: &mut HybridState<T>,
         error: T,
-        phi: T,
+        missing: T,
         count: &mut T::SaturationCount,
     ) {
-        let [keeps, takes] = joint2.rotation;
+        let [keeps, taken @ ..] = joint2.rotation;
         let [x, y] = state.section.map(T::of_sum);
         let next = |own: T, other: T, i: usize, count: &mut T::SaturationCount| {
-            let turned = T::accumulated(own.times_alpha(keeps), other.times_alpha(takes), count);
+            let turned = T::accumulated(own.times_alpha(keeps), other.times_alpha(taken[i]), count);
             let fed = error
                 .scaled(joint2.section_angle[i], count)
-                .plus(phi.scaled(joint2.section_force[i], count), count);
+                .minus(missing.scaled(joint2.section_force[i], count), count);
             T::accumulated(turned, fed.sum(), count)
         };
-        state.section = [next(x, y, 0, count), next(y, x.negative(), 1, count)];
+        state.section = [next(x, y, 0, count), next(y, x, 1, count)];
     }
 
     /// Tells the law which joints were limited in this tick. Takes the steps back that pushed
@@ -573,7 +573,7 @@ impl<T: Scalar> FeedbackLaw<T> for HybridLaw<T> {
         deviation.balance = measured
             .root_moment
             .minus(setpoint.torque[1], count)
-            .minus(demand.force_moment, count);
+            .plus(demand.missing_moment, count);
     }
 
     #[inline]

@@ -405,7 +405,7 @@ impl SiScalar for Fixed {
     }
 
     fn alpha(value: f64) -> i32 {
-        (libm::rint(value * 2_147_483_648.0) as i32).max(0)
+        libm::rint(value * 2_147_483_648.0) as i32
     }
 
     fn alpha_value(alpha: i32) -> f64 {

@@ -75,7 +75,7 @@ pub trait Scalar:
 {
     /// Constant factor that takes a signal of one format into another.
     type Gain: Copy + Debug + PartialEq + Send + Sync + Serialize + DeserializeOwned;
-    /// Coefficient of a filter, from 0 to below 1, for [`times_alpha`](Self::times_alpha).
+    /// Coefficient of a filter, from -1 to below 1, for [`times_alpha`](Self::times_alpha).
     type Alpha: Copy + Debug + PartialEq + Send + Sync + Serialize + DeserializeOwned;
     /// Left shift that brings the product of formats a and b into format c.
     type Shift: Copy + Debug + PartialEq + Send + Sync + Serialize + DeserializeOwned;
@@ -205,7 +205,7 @@ pub trait SiScalar: Scalar {
     fn angle_gain_value(gain: Self::Gain, to: Self::Format) -> f64;
     /// The same of a gain on fine angles.
     fn fine_gain_value(gain: Self::Gain, shift: Self::Shift, to: Self::Format) -> f64;
-    /// The filter coefficient nearest to `value`, at least 0 and below 1.
+    /// The filter coefficient nearest to `value`, from -1 to below 1.
     fn alpha(value: f64) -> Self::Alpha;
     /// What the coefficient is after rounding.
     fn alpha_value(alpha: Self::Alpha) -> f64;

@@ -89,9 +89,6 @@ pub enum AccuracyError {
 /// Share of the ticks in which fixed point may decide otherwise than what it is compared with.
 pub const PARTED_SHARE: f64 = 1e-3;
 
-/// Random measurements of the second trial.
-pub const RANDOM_TICKS: usize = 100_000;
-
 /// Ticks of the closed loop that [`measure`] runs: the bulk of its work.
 pub fn effort(plan: &Plan) -> u64 {
     3 * plan.points.len() as u64

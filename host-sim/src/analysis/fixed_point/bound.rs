@@ -1,7 +1,7 @@
 //! Bounds of a torque's error in fixed point, of the two laws; their derivation is in
 //! `docs/fixed-point.md`.
 
-use super::range::{FORCE, MOMENT_ARM, ROOT_SLOPE, SLOPE_RATE, Signal, TORQUE2};
+use super::signal::{FORCE, MOMENT_ARM, ROOT_SLOPE, SLOPE_RATE, Signal, TORQUE2};
 use crate::planner::plan::Plan;
 use flexor::control::{
     FreeParameters, HybridParameters, LawParameters, LimitParameters, PaperParameters,

@@ -4,4 +4,5 @@ pub mod accuracy;
 mod bound;
 pub mod exact;
 pub mod range;
+mod signal;
 pub mod trial;

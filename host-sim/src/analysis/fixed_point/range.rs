@@ -29,6 +29,8 @@
 //! [`RATE_MAX_RAD_S`]: flexor::control::RATE_MAX_RAD_S
 
 use super::bound::Bound;
+pub use super::signal::Signal;
+use super::signal::{FORCE, ROOT_SLOPE, SLOPE_RATE};
 use crate::planner::plan::Plan;
 use crate::text::{Shortest, four_digits};
 use flexor::control::{Coefficient, Coefficients, Law, LawParameters, LimitParameters, Mismatch};
@@ -43,19 +45,6 @@ pub const TORQUE_ERROR_SHARE: f64 = 1e-3;
 
 /// Largest accepted rounding of a gain, as a share of it.
 pub const GAIN_ERROR_SHARE: f64 = 1e-3;
-
-/// A signal's range and format.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Signal {
-    /// Its name, as in [`flexor::signals::SaturationCounts::entries`] where it is there.
-    pub name: &'static str,
-    /// Its unit.
-    pub unit: &'static str,
-    /// Largest admissible magnitude.
-    pub admissible: f64,
-    /// The format.
-    pub exponent: Exponent,
-}
 
 /// What fixed point needs for an arm, a task, gains and limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -186,13 +175,6 @@ pub fn analyse(
         force_error: bound.force,
     })
 }
-
-/// Positions in the list of signals.
-pub(super) const TORQUE2: usize = 1;
-pub(super) const FORCE: usize = 2;
-pub(super) const ROOT_SLOPE: usize = 3;
-pub(super) const SLOPE_RATE: usize = 4;
-pub(super) const MOMENT_ARM: usize = 5;
 
 /// Range of the root slope rate, rad/s: the plan's and what joint 2's torque, N m, answers.
 fn slope_rate_range(plan: &Plan, law: &LawParameters, torque2: f64) -> f64 {

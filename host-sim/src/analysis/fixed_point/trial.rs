@@ -1,13 +1,15 @@
 //! Measurements that try a number type: random ones in the admissible range, and adversarial ones
 //! at the ends of the formats.
 
-use super::accuracy::RANDOM_TICKS;
 use super::range::Analysis;
 use crate::planner::plan::Plan;
 use flexor::control::{HybridParameters, LawParameters, LimitParameters};
 use flexor::number::fixed::Exponent;
 use flexor::signals::{Formats, Measurement, Reference, Saturation};
 use std::f64::consts::{PI, TAU};
+
+/// Measurements of a random trial.
+const RANDOM_TICKS: usize = 100_000;
 
 /// What both controllers are fed with, tick by tick.
 pub(super) struct Trial {
