@@ -2,10 +2,10 @@
 
 use super::plan::Planned;
 use super::{
-    CliError, Common, ModelArg, Output, controller, pages, print, print_facts, progress_bar,
-    results, say,
+    CliError, Common, ModelArg, Output, pages, print, print_facts, progress_bar, results, say,
 };
 use crate::campaign::identity::CampaignInput;
+use crate::campaign::scenario::Scenario;
 use crate::files::config::{
     self, ArmConfig, ConfigError, FILE_BYTES_MAX, ScenarioConfig, read_text,
 };
@@ -15,6 +15,7 @@ use crate::simulation::bench::{self, BenchArm, BenchBoard, BenchLog, BenchTask, 
 use crate::text::four_digits;
 use clap::Args;
 use flexor::control::LawParameters;
+use flexor::model::ArmParameters;
 use flexor::supervisor::MonitorParameters;
 use serde_json::{Map, Value, json};
 use std::io::Write;
@@ -32,6 +33,37 @@ pub(super) struct ScenarioArgs {
     /// A value of the scenario, say contact.friction=0.3; may be given several times
     #[arg(long, value_name = "KEY=VALUE")]
     pub(super) set: Vec<String>,
+}
+
+/// Gains of the hybrid law are held against the scenario's arms before anything runs.
+#[derive(Args, Clone)]
+pub(super) struct ProofArgs {
+    /// Run gains of the hybrid law also where they are not proved stable on every arm
+    #[arg(long)]
+    unproven: bool,
+}
+
+impl ProofArgs {
+    /// Refuses gains that do not hold the bench's arms, or says so.
+    ///
+    /// # Errors
+    /// [`CliError::Unproven`], [`CliError::Hybrid`].
+    pub(super) fn check(&self, bench: &Bench) -> Result<(), CliError> {
+        #[cfg(feature = "tune")]
+        if let LawParameters::Hybrid(law) = &bench.law {
+            let (plan, scenario) = (&bench.planned.plan, &bench.config.scenario);
+            let refused = super::gains::hybrid::refuse_unproven(plan, scenario, law);
+            return match refused {
+                Err(why) if self.unproven => {
+                    say(format_args!("warning: {why}"));
+                    Ok(())
+                }
+                other => other,
+            };
+        }
+        let _ = bench;
+        Ok(())
+    }
 }
 
 /// All that a bench's runs have in common.
@@ -74,8 +106,12 @@ impl ScenarioArgs {
         }
         let gains = asked_gains.or(config.controller.as_deref());
         let (arm, task) = common.load()?;
-        let law = controller(gains, default_gains)?;
         let planned = common.plan(&arm, &task)?;
+        let law_text = law_text(gains, default_gains, &planned.plan, &config.scenario)?;
+        let named = gains.map_or("gains found for the arm".into(), |f| {
+            f.display().to_string()
+        });
+        let law = config::parse_controller(&named, &law_text)?;
         let monitors = monitors_for(&common, &arm, &planned.plan, &law)?;
         self.check_faults(&config, &planned.plan)?;
         let (board, note) = board_for(&common, &planned.plan)?;
@@ -106,7 +142,6 @@ impl ScenarioArgs {
         ] {
             inputs.push(input(option, said.as_deref(), text(file, default)?));
         }
-        let law_text = text(gains, default_gains)?;
         inputs.push(input("controller", asked_gains, law_text));
         inputs.extend(self.values(asked, planned.plan.tick_rate_hz));
         Ok(Bench {
@@ -200,6 +235,29 @@ fn text(file: Option<&Path>, default: &str) -> Result<String, ConfigError> {
         None => Ok(default.to_string()),
     }
 }
+
+/// The text of the gains: the file's; without one the examples' where the arm is theirs, else such
+/// as are found for it: no arm runs on another arm's gains.
+fn law_text(
+    file: Option<&Path>,
+    default: &'static str,
+    plan: &Plan,
+    scenario: &Scenario,
+) -> Result<String, CliError> {
+    #[cfg(feature = "tune")]
+    if file.is_none()
+        && default == config::DEFAULT_CONTROLLER
+        && (plan.model.arm != ArmParameters::PAPER || plan.tick_rate_hz != EXAMPLES_RATE_HZ)
+    {
+        return super::gains::hybrid::designed_text(plan, scenario);
+    }
+    let _ = (plan, scenario);
+    Ok(text(file, default)?)
+}
+
+/// Control rate of the gains in the examples, Hz.
+#[cfg(feature = "tune")]
+const EXAMPLES_RATE_HZ: u32 = 5000;
 
 /// The arm's thresholds where it has any, and those of the plan.
 fn monitors_for(

@@ -1,6 +1,6 @@
 //! The command `campaign`: thousands of runs of a scenario, and shards of them put together.
 
-use super::bench::{Bench, ScenarioArgs};
+use super::bench::{Bench, ProofArgs, ScenarioArgs};
 use super::run::judge;
 use super::{CliError, Common, Output, pages, print, print_facts, progress_bar, say};
 use crate::campaign::engine::Campaign;
@@ -39,6 +39,8 @@ pub(super) struct CampaignArgs {
     common: Common,
     #[command(flatten)]
     scenario: ScenarioArgs,
+    #[command(flatten)]
+    proof: ProofArgs,
     /// Gains; without it the scenario's, or those of examples/controller.toml
     #[arg(long, value_name = "FILE")]
     controller: Option<PathBuf>,
@@ -135,6 +137,7 @@ fn only(args: &CampaignArgs, number: u64) -> Result<(), CliError> {
         args.controller.as_deref(),
         config::DEFAULT_CONTROLLER,
     )?;
+    args.proof.check(&bench)?;
     let campaign = Campaign {
         task: bench.task(),
         scenario: &bench.config.scenario,
@@ -160,6 +163,7 @@ fn runs(args: &CampaignArgs) -> Result<(), CliError> {
         args.controller.as_deref(),
         config::DEFAULT_CONTROLLER,
     )?;
+    args.proof.check(&bench)?;
     let identity = args.identity(&bench);
     let ticks = match args.write {
         WriteArg::Summary => None,

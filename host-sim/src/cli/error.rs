@@ -2,6 +2,7 @@
 
 use crate::analysis::fixed_point::accuracy::AccuracyError;
 use crate::analysis::fixed_point::range::RangeError;
+use crate::analysis::hybrid::HybridError;
 use crate::analysis::stability::StabilityError;
 use crate::campaign::engine::CampaignError;
 use crate::campaign::identity::Shard;
@@ -98,6 +99,12 @@ pub(super) enum CliError {
         command: &'static str,
         law: &'static str,
     },
+    #[error(transparent)]
+    Hybrid(#[from] HybridError),
+    #[error("these gains do not hold every arm: {why}; --unproven runs them all the same")]
+    Unproven { why: String },
+    #[error("--root-inertia-kgm2 {} {}; accepted: an inertia in kg m^2 from 0 to 1000, and no smaller one", Shortest(*low), Shortest(*high))]
+    RootInertia { low: f64, high: f64 },
     #[error("{what} has no effect {beside}")]
     NoEffect {
         what: &'static str,
@@ -177,6 +184,8 @@ impl CliError {
             | Self::Map { .. }
             | Self::NoEffect { .. }
             | Self::PaperLawOnly { .. }
+            | Self::Unproven { .. }
+            | Self::RootInertia { .. }
             | Self::NoRun { .. }
             | Self::EmptyShard { .. }
             | Self::Bench(_)
@@ -206,6 +215,8 @@ impl CliError {
             // No gains found, or the optimiser's failure, is none of the user's.
             Self::Stability(StabilityError::NotTuned { .. } | StabilityError::Optimiser(_)) => 1,
             Self::Stability(_) => 2,
+            Self::Hybrid(HybridError::NotDesigned { .. }) => 1,
+            Self::Hybrid(_) => 2,
             Self::NotCompleted { .. } => 3,
             Self::Unwritable { .. }
             | Self::TableFit(TableFitError::Format(_))

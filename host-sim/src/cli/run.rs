@@ -1,6 +1,6 @@
 //! The command `run`: a task, a controller and a plant, simulated; `pil` takes the same.
 
-use super::bench::ScenarioArgs;
+use super::bench::{ProofArgs, ScenarioArgs};
 use super::plan::Planned;
 use super::{
     CliError, Common, Output, accuracy, controller, gains, pages, print, print_facts, progress_bar,
@@ -66,6 +66,8 @@ pub(super) struct RunArgs {
     pub(super) simulation: SimulationArgs,
     #[command(flatten)]
     pub(super) scenario: ScenarioArgs,
+    #[command(flatten)]
+    proof: ProofArgs,
     /// Perfect readings and torques, and a rigid surface that holds the tip from both sides: the
     /// paper's world, without board and scenario
     #[arg(long, conflicts_with_all = ["scenario", "set", "board"])]
@@ -153,7 +155,7 @@ fn run_ideal(args: &RunArgs) -> Result<(), CliError> {
         planned, options, ..
     } = &simulation;
     let (plan, image) = (&planned.plan, &planned.table.image);
-    // The hybrid law's stability is not examined yet.
+    // The hybrid law is proved on the bench's arms alone: an ideal plant has no drive to prove.
     if let (true, Some(law)) = (simulation.mode != Mode::Feedforward, options.law.paper()) {
         gains::warn(plan, &options.plant, law);
     }
@@ -232,7 +234,7 @@ fn run_on_bench(args: &RunArgs) -> Result<(), CliError> {
     }
     simulation.adjust(&mut setup.plant, &mut Start::default())?;
     let arm = setup.on_bench(plan, 1)?;
-    // The hybrid law's stability is not examined yet.
+    args.proof.check(&bench)?;
     if let LawParameters::Paper(law) = &bench.law
         && law.has_feedback()
     {

@@ -354,7 +354,7 @@ fn exponential(linear: &Linear, time: f64) -> (DMatrix<f64>, DMatrix<f64>) {
 
 /// Matrix exponential: Taylor's series to degree 15, the matrix halved until its norm is
 /// at most a half (the remainder is then below rounding) and the result squared as often.
-fn exp(matrix: DMatrix<f64>) -> DMatrix<f64> {
+pub(in crate::analysis) fn exp(matrix: DMatrix<f64>) -> DMatrix<f64> {
     let n = matrix.nrows();
     let norm = matrix
         .column_iter()

@@ -130,6 +130,10 @@ fn print_poles(args: &ExamineArgs, poles: &[Complex<f64>]) -> Result<(), CliErro
 
 /// Examines the gains, and writes and prints what was found.
 pub(super) fn examine(args: &ExamineArgs) -> Result<(), CliError> {
+    #[cfg(feature = "tune")]
+    if !args.plants.is_paper()? {
+        return super::hybrid::examine(&args.plants, &args.out);
+    }
     if let [first, second] = args.map[..]
         && first == second
     {

@@ -3,10 +3,13 @@
 
 mod examine;
 #[cfg(feature = "tune")]
+pub(super) mod hybrid;
+#[cfg(feature = "tune")]
 mod tune;
 
+use super::bench::ScenarioArgs;
 use super::plan::Planned;
-use super::{CliError, Common, Output, pages, paper_law, say};
+use super::{CliError, Common, Output, controller, pages, paper_law, say};
 use crate::analysis::stability::advice::{advice, warning};
 use crate::analysis::stability::map::GainId;
 use crate::analysis::stability::path::{Report, Summary};
@@ -44,6 +47,23 @@ enum GainsCommand {
         after_help = "Example: flexor gains tune --task examples/task_fast.toml --out out/gains\n\nThe same seed finds the same gains. Of the controller file only its options count: force_projection, slope_rate_feedback and feedforward."
     )]
     Tune(tune::TuneArgs),
+    /// Finds gains of the hybrid law for the arm at hand that hold every arm of a spread, and writes
+    /// controller.toml.
+    #[command(
+        after_help = "Example: flexor gains design --arm examples/arm.toml --root-inertia-kgm2 3e-5 3e-4 --out out/gains\n\nWithout --root-inertia-kgm2 and --scenario the arm's own inertia is taken to be known to a factor of 2, none as unknown."
+    )]
+    Design(DesignArgs),
+}
+
+/// Arguments of `gains design`.
+#[cfg(feature = "tune")]
+#[derive(Args)]
+struct DesignArgs {
+    #[command(flatten)]
+    plants: PlantArgs,
+    /// Folder for the results; made if it is not there
+    #[arg(long, value_name = "DIR", default_value = "out/gains")]
+    out: PathBuf,
 }
 
 /// What both take.
@@ -51,13 +71,20 @@ enum GainsCommand {
 struct PlantArgs {
     #[command(flatten)]
     common: Common,
-    /// Gains, and options of the law; without it those of examples/controller_paper.toml
+    /// Gains, and which law; without it those that `run` takes: of the hybrid law, for the arm at
+    /// hand
     #[arg(long, value_name = "FILE")]
     controller: Option<PathBuf>,
-    /// The plant in the middle; without it the planned arm [examples/plant_soft.toml]
+    #[command(flatten)]
+    scenario: ScenarioArgs,
+    /// Hybrid law: least and largest inertia that turns with link 2's root, rotor and hub, kg m^2;
+    /// without it the scenario's, or what the arm's file tells
+    #[arg(long, value_names = ["LEAST", "LARGEST"], num_args = 2)]
+    root_inertia_kgm2: Vec<f64>,
+    /// Paper's law: the plant in the middle; without it the planned arm [examples/plant_soft.toml]
     #[arg(long, value_name = "FILE")]
     plant: Option<PathBuf>,
-    /// Plants around it [examples/spread.toml]
+    /// Paper's law: plants around it [examples/spread.toml]
     #[arg(long, value_name = "FILE")]
     spread: Option<PathBuf>,
     /// Points of the path at which the loop is frozen
@@ -91,7 +118,26 @@ impl PlantArgs {
         inputs.chain(files.map(|file| file.as_deref()))
     }
 
+    /// Whether the paper's law is asked for.
+    fn is_paper(&self) -> Result<bool, CliError> {
+        let law = controller(self.controller.as_deref(), config::DEFAULT_CONTROLLER)?;
+        Ok(law.paper().is_some())
+    }
+
     fn setting(&self) -> Result<Setting, CliError> {
+        let scenario = &self.scenario;
+        let what = match () {
+            () if scenario.scenario.is_some() => Some("--scenario"),
+            () if !scenario.set.is_empty() => Some("--set"),
+            () if !self.root_inertia_kgm2.is_empty() => Some("--root-inertia-kgm2"),
+            () => None,
+        };
+        if let Some(what) = what {
+            return Err(CliError::NoEffect {
+                what,
+                beside: "with the paper's law, whose plants --plant and --spread tell",
+            });
+        }
         let (arm, task) = self.common.load()?;
         let law = paper_law("gains", self.controller.as_deref())?;
         let plant = match &self.plant {
@@ -116,8 +162,12 @@ impl PlantArgs {
 /// Runs `gains`.
 pub(super) fn command(args: &GainsArgs) -> Result<(), CliError> {
     #[cfg(feature = "tune")]
-    if let Some(GainsCommand::Tune(args)) = &args.command {
-        return tune::tune_command(args);
+    match &args.command {
+        Some(GainsCommand::Tune(args)) => return tune::tune_command(args),
+        Some(GainsCommand::Design(args)) => {
+            return hybrid::design_command(&args.plants, &args.out);
+        }
+        None => {}
     }
     examine::examine(&args.examine)
 }

@@ -78,6 +78,9 @@ impl TuneArgs {
 
 /// Searches, and writes and prints what was found.
 pub(super) fn tune_command(args: &TuneArgs) -> Result<(), CliError> {
+    if !args.plants.is_paper()? {
+        return super::hybrid::tune_command(&args.plants, args.seed, &args.out);
+    }
     let output = Output::open(&args.out, args.plants.inputs())?;
     let setting = args.plants.setting()?;
     let plan = &setting.planned.plan;

@@ -257,7 +257,7 @@ mod tests {
             (
                 "joint_stiffness_Nm_rad = [800.0, 2.21]",
                 "joint_stiffness_Nm_rad = [0.0, 2.21]",
-                "joint1_integral_Nm_rads = 2500; accepted: a gain in N m/(rad s), 0 where joint_stiffness_Nm_rad[0] is, from 0 to 1e8",
+                "joint1_integral_Nm_rads = 2500; accepted: a gain in N m/(rad s), 0 where joint_stiffness_Nm_rad[0] is, from 0 to 1e11",
             ),
             (
                 "force_integral_per_s = 10.2",

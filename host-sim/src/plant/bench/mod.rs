@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `compliant`, `rest`, `step` | the bench's plant: its laws put together, start, step |
 //! | `free_arm` | the arm's equations with the tip's force as an input |
+//! | `pressed` | its smooth part alone, for linearisation |
 //! | `surface`, `contact`, `bristle` | surface, one-sided contact, friction with pre-sliding |
 //! | `joint` | friction, cogging, rotor, gear play |
 //! | `drive`, `sensors`, `noise` | from command to torque, from motion to counts |
@@ -20,6 +21,7 @@ mod free_arm;
 mod joint;
 pub mod lanes;
 mod noise;
+mod pressed;
 mod rest;
 mod runge_kutta;
 mod sensors;
@@ -35,6 +37,7 @@ pub use drive::{DELAY_TICKS_MAX, Drive, DriveParameters};
 pub use four_lanes::F64x4;
 pub use joint::{Cogging, GearPlay, JointFriction, JointParameters};
 pub use noise::RandomStream;
+pub use pressed::{PressedArm, PressedPlane, PressedReading};
 pub use runge_kutta::STEP_TIMES_EIGENVALUE;
 pub use sensors::{
     AnalogErrors, Channels, ConverterChannel, EncoderChannel, GaugeSignal, Sensed,

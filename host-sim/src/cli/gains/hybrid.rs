@@ -1,0 +1,667 @@
+//! Gains of the hybrid law: found for the arm at hand, proved over a spread of arms, improved on the
+//! bench.
+
+use super::PlantArgs;
+use crate::analysis::hybrid::design::digits;
+use crate::analysis::hybrid::proof::{PlantProof, Subject};
+use crate::analysis::hybrid::{
+    Design, Effort, HybridError, LoopPose, LoopSpread, Noise, Problem, Proof, design,
+    friction_leverage, poses,
+};
+use crate::campaign::distribution::Distribution;
+use crate::campaign::engine::Campaign;
+use crate::campaign::scenario::Scenario;
+use crate::cli::bench::Bench;
+use crate::cli::{CliError, Output, print, print_facts, progress_bar};
+use crate::files::{config, export};
+use crate::planner::plan::Plan;
+use flexor::control::{HybridParameters, LawParameters, MotionParameters};
+use flexor::model::ArmParameters;
+use serde_json::{Map, Value, json};
+use std::io::Write;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+
+/// Poses of the path at which a design is made and gains are held against a scenario.
+const DESIGN_POSES: usize = 4;
+
+/// `base` with what `scenario` says of its arms in its place.
+fn laid_over(base: LoopSpread, scenario: &Scenario) -> LoopSpread {
+    let bounds = |name: &str, otherwise: [f64; 2]| {
+        let mut numbers = scenario.numbers.iter();
+        let found = numbers.find(|(key, _)| key.name == name);
+        found.map_or(otherwise, |(_, distribution)| distribution.bounds())
+    };
+    let mass1 = bounds("plant.link1_mass_scale", base.mass_scale);
+    let mass2 = bounds("plant.link2_mass_scale", base.mass_scale);
+    let [slowest, _] = bounds("drive2.bandwidth_Hz", [base.drive_bandwidth_hz; 2]);
+    let [_, latest] = bounds("drive2.delay_ticks", [base.delay_ticks as f64; 2]);
+    let [_, friction] = bounds("contact.friction", [base.friction; 2]);
+    let stiffness = "plant.bending_stiffness_scale";
+    LoopSpread {
+        root_inertia_kgm2: bounds("plant.root_inertia_kgm2", base.root_inertia_kgm2),
+        bending_stiffness_scale: bounds(stiffness, base.bending_stiffness_scale),
+        mass_scale: [mass1[0].min(mass2[0]), mass1[1].max(mass2[1])],
+        damping_scale: bounds("plant.damping_scale", base.damping_scale),
+        contact_stiffness_n_m: bounds("contact.stiffness_N_m", base.contact_stiffness_n_m),
+        friction,
+        drive_bandwidth_hz: slowest,
+        delay_ticks: (latest as usize).max(1),
+    }
+}
+
+/// The arms of `scenario`: what it leaves out is as planned.
+fn arms_of(scenario: &Scenario, arm: &ArmParameters) -> LoopSpread {
+    let contact = scenario.middle().compliant.contact.stiffness_n_m;
+    let planned = LoopSpread {
+        root_inertia_kgm2: [arm.root_inertia_kgm2; 2],
+        bending_stiffness_scale: [1.0; 2],
+        mass_scale: [1.0; 2],
+        damping_scale: [1.0; 2],
+        contact_stiffness_n_m: [contact; 2],
+        friction: 0.0,
+        ..LoopSpread::uncalibrated(arm)
+    };
+    laid_over(planned, scenario)
+}
+
+/// Arms that gains are found for where `scenario` says what it says: the rest is not calibrated, and
+/// a root without inertia is one that nobody knows.
+fn to_be_held(scenario: &Scenario, plan: &Plan) -> LoopSpread {
+    let arm = &plan.model.arm;
+    let leverage = friction_leverage(&poses(plan, DESIGN_POSES));
+    let usual = LoopSpread::uncalibrated(arm).with_friction_for(leverage);
+    let mut spread = laid_over(usual, scenario);
+    if spread.root_inertia_kgm2[1] == 0.0 {
+        spread.root_inertia_kgm2 = LoopSpread::unknown_root_inertia(arm);
+    }
+    spread
+}
+
+/// The text of a controller file with gains for `plan`'s arm on the arms of `scenario`, where no
+/// file gives any.
+///
+/// # Errors
+/// [`HybridError`].
+pub(in crate::cli) fn designed_text(plan: &Plan, scenario: &Scenario) -> Result<String, CliError> {
+    let spread = to_be_held(scenario, plan);
+    let found = designed(plan, spread, Effort::Design)?;
+    let how = origin(&spread, plan.tick_rate_hz);
+    Ok(config::controller_toml(&found.law.into(), &how))
+}
+
+/// Gains for `plan`'s arm on arms of this spread.
+///
+/// # Errors
+/// [`HybridError`].
+fn designed(plan: &Plan, spread: LoopSpread, effort: Effort) -> Result<Design, HybridError> {
+    let poses = poses(plan, DESIGN_POSES);
+    let problem = Problem {
+        arm: &plan.model.arm,
+        poses: &poses,
+        tick_rate_hz: plan.tick_rate_hz,
+        spread,
+        noise: Noise::for_plan(plan),
+        motion: MotionParameters::DEFAULT,
+    };
+    design(&problem, effort)
+}
+
+/// How gains were found, for the head of their file.
+fn origin(spread: &LoopSpread, tick_rate_hz: u32) -> Vec<String> {
+    let [low, high] = spread.root_inertia_kgm2;
+    vec![
+        format!("Found by `flexor gains` for root inertias from {low:.3e} to {high:.3e} kg m^2,"),
+        format!(
+            "friction up to {}, drives of {} Hz with {} ticks of delay, {tick_rate_hz} Hz.",
+            spread.friction, spread.drive_bandwidth_hz, spread.delay_ticks
+        ),
+    ]
+}
+
+/// Refuses gains that do not hold the arms of `scenario`, naming the number to change.
+///
+/// # Errors
+/// [`CliError::Unproven`], [`CliError::Hybrid`].
+pub(in crate::cli) fn refuse_unproven(
+    plan: &Plan,
+    scenario: &Scenario,
+    law: &HybridParameters,
+) -> Result<(), CliError> {
+    let arm = &plan.model.arm;
+    let spread = arms_of(scenario, arm);
+    let poses = poses(plan, DESIGN_POSES);
+    let subject = Subject {
+        arm,
+        law,
+        poses: &poses,
+        tick_rate_hz: plan.tick_rate_hz,
+    };
+    let proof = Proof::new(&subject, &spread, false)?;
+    verdict(&proof, &spread).map_or(Ok(()), |why| Err(CliError::Unproven { why }))
+}
+
+/// Why gains are refused, if they are.
+fn verdict(proof: &Proof, spread: &LoopSpread) -> Option<String> {
+    if proof.is_stable() {
+        return None;
+    }
+    let worst = proof.worst()?;
+    let [low, high] = spread.root_inertia_kgm2;
+    let remedy = match proof.root_inertia_kgm2 {
+        Some([from, to]) if from > low || to < high => {
+            format!(
+                "root_inertia_kgm2 from {low:.3e} to {high:.3e} is asked for; accepted with these gains: from {from:.3e} to {to:.3e}, or gains that `flexor gains design` finds for that range"
+            )
+        }
+        _ => "gains that `flexor gains design` finds for these arms are accepted".into(),
+    };
+    Some(format!("{}; {remedy}", grows(worst)))
+}
+
+/// What an arm does that is not stable.
+fn grows(worst: &PlantProof) -> String {
+    let hertz = worst.slowest.im.abs() / core::f64::consts::TAU;
+    format!(
+        "{} grows at {:+.2} 1/s ({hertz:.1} Hz) at t = {:.3} s",
+        worst.name, worst.slowest.re, worst.t_s
+    )
+}
+
+/// A plan, arms and gains to examine.
+struct Setting {
+    bench: Bench,
+    spread: LoopSpread,
+    law: HybridParameters,
+}
+
+impl PlantArgs {
+    /// What the hybrid law's commands examine.
+    fn hybrid_setting(&self) -> Result<Setting, CliError> {
+        for (given, what) in [(&self.plant, "--plant"), (&self.spread, "--spread")] {
+            if given.is_some() {
+                return Err(CliError::NoEffect {
+                    what,
+                    beside: "with the hybrid law, whose arms --scenario and --root-inertia-kgm2 tell",
+                });
+            }
+        }
+        let (file, default) = (self.controller.as_deref(), config::DEFAULT_CONTROLLER);
+        let bench = self.scenario.prepare(&self.common, file, default)?;
+        let mut spread = to_be_held(&bench.config.scenario, &bench.planned.plan);
+        if let [low, high] = self.root_inertia_kgm2[..] {
+            if !(low >= 0.0 && high >= low && high <= 1e3) {
+                return Err(CliError::RootInertia { low, high });
+            }
+            spread.root_inertia_kgm2 = [low, high];
+        }
+        let law = match &bench.law {
+            LawParameters::Hybrid(law) => *law,
+            // Which of the two it is was looked at before.
+            LawParameters::Paper(_) => HybridParameters::PAPER_ARM_HUB,
+        };
+        Ok(Setting { bench, spread, law })
+    }
+}
+
+/// `flexor gains`: are the gains of the hybrid law stable on every arm, and with what margin.
+pub(super) fn examine(args: &PlantArgs, out: &Path) -> Result<(), CliError> {
+    let output = Output::open(out, args.hybrid_inputs())?;
+    let setting = args.hybrid_setting()?;
+    let since = Instant::now();
+    let proof = setting.prove(&setting.law, args.points as usize)?;
+    let wall_ms = since.elapsed().as_secs_f64() * 1e3;
+    let keys = export::object([("wall_ms", json!(wall_ms))]);
+    let facts = vec![("examined in".into(), format!("{wall_ms:.0} ms"))];
+    setting.report(
+        output,
+        &setting.law,
+        &proof,
+        (keys, facts),
+        args.common.json,
+    )?;
+    match verdict(&proof, &setting.spread) {
+        None => Ok(()),
+        Some(why) => Err(CliError::Unproven { why }),
+    }
+}
+
+/// `flexor gains design`: gains for the arm at hand.
+pub(super) fn design_command(args: &PlantArgs, out: &Path) -> Result<(), CliError> {
+    let output = Output::open(out, args.hybrid_inputs())?;
+    let setting = args.hybrid_setting()?;
+    let since = Instant::now();
+    let found = designed(&setting.bench.planned.plan, setting.spread, Effort::Design)?;
+    let design_ms = since.elapsed().as_secs_f64() * 1e3;
+    let proof = setting.prove(&found.law, args.points as usize)?;
+    let keys = export::object([
+        ("design_ms", json!(design_ms)),
+        ("laws_tried", json!(found.tried)),
+        ("predicted_force_rms_N", json!(found.force_rms_n)),
+    ]);
+    let facts = vec![
+        (
+            "predicted force".into(),
+            format!("{:.4} N rms over the spread's ends", found.force_rms_n),
+        ),
+        (
+            "found in".into(),
+            format!("{design_ms:.0} ms, {} sets tried", found.tried),
+        ),
+    ];
+    setting.write_law(&output, &found.law)?;
+    setting.report(output, &found.law, &proof, (keys, facts), args.common.json)
+}
+
+/// `flexor gains tune`: as design, with a longer search, and the best of what was found improved on
+/// the bench.
+pub(super) fn tune_command(args: &PlantArgs, seed: u64, out: &Path) -> Result<(), CliError> {
+    let output = Output::open(out, args.hybrid_inputs())?;
+    let mut setting = args.hybrid_setting()?;
+    if args.scenario.scenario.is_none() {
+        // The bench's own noise and spread, without the files that its scenario names.
+        let (name, text) = ("bench.toml", BENCH_SCENARIO);
+        let mut own = config::parse_scenario(name, text)?.scenario;
+        let root = setting.spread.root_inertia_kgm2;
+        for (key, distribution) in &mut own.numbers {
+            if key.name == "plant.root_inertia_kgm2" {
+                *distribution = match root {
+                    [low, high] if low > 0.0 && high > low => Distribution::LogUniform(root),
+                    [low, high] if high > low => Distribution::Uniform([low, high]),
+                    [low, _] => Distribution::Fixed(low),
+                };
+            }
+        }
+        setting.bench.config.scenario = own;
+    }
+    let since = Instant::now();
+    let plan = &setting.bench.planned.plan;
+    let progress = progress_bar(BENCH_TRIALS, "sets tried on the bench, {eta} left");
+    let mut candidates = vec![];
+    if args.controller.is_some() {
+        candidates.push(setting.law);
+    }
+    for effort in [Effort::Design, Effort::Tune] {
+        match designed(plan, setting.spread, effort) {
+            Ok(found) => candidates.push(found.law),
+            Err(HybridError::NotDesigned { .. }) if effort == Effort::Tune => {}
+            Err(error) => return Err(error.into()),
+        }
+    }
+    let tuner = BenchTuner {
+        setting: &setting,
+        seed,
+    };
+    let (law, score, tried) = tuner.tune(&candidates, &|| progress.inc(1))?;
+    progress.finish_and_clear();
+    let wall_ms = since.elapsed().as_secs_f64() * 1e3;
+    let proof = setting.prove(&law, args.points as usize)?;
+    let keys = export::object([
+        ("wall_ms", json!(wall_ms)),
+        ("seed", json!(seed)),
+        ("bench_runs_a_set", json!(BENCH_RUNS)),
+        ("bench_failed", json!(score.failed)),
+        (
+            "bench_force_rms_N",
+            json!({"median": score.median, "p95": score.p95}),
+        ),
+    ]);
+    let facts = vec![
+        (
+            "on the bench".into(),
+            format!(
+                "{} of {BENCH_RUNS} arms fail; force error {:.3} N rms in the median, {:.3} N in 95 of 100",
+                score.failed, score.median, score.p95
+            ),
+        ),
+        (
+            "tuned in".into(),
+            format!(
+                "{:.1} s, {tried} sets on the bench, seed {seed}",
+                wall_ms / 1e3
+            ),
+        ),
+    ];
+    setting.write_law(&output, &law)?;
+    setting.report(output, &law, &proof, (keys, facts), args.common.json)
+}
+
+/// The spread that gains are tuned on where no scenario is named.
+const BENCH_SCENARIO: &str = include_str!("../../../../examples/scenarios/bench.toml");
+
+/// Arms that a set of gains is tried on: the same for every set.
+const BENCH_RUNS: u64 = 40;
+/// Sets that are tried, about.
+const BENCH_TRIALS: u64 = 40;
+
+/// What a set of gains does on the bench: arms that fail, force error's rms, N.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Score {
+    failed: usize,
+    median: f64,
+    p95: f64,
+}
+
+impl Score {
+    /// Less is better: failures first.
+    fn value(&self) -> f64 {
+        10.0 * self.failed as f64 + self.median + self.p95
+    }
+}
+
+struct BenchTuner<'a> {
+    setting: &'a Setting,
+    seed: u64,
+}
+
+impl BenchTuner<'_> {
+    /// What `law` does on the bench.
+    fn score(&self, law: &HybridParameters) -> Result<Score, CliError> {
+        let bench = &self.setting.bench;
+        let law = LawParameters::Hybrid(*law);
+        let mut task = bench.task();
+        task.law = &law;
+        let campaign = Campaign {
+            task,
+            scenario: &bench.config.scenario,
+            seed: self.seed,
+        };
+        let figures = Mutex::new(vec![]);
+        let numbers: Vec<u64> = (0..BENCH_RUNS).collect();
+        campaign.run_all(&numbers, &AtomicBool::new(false), false, |record, _| {
+            let mut all = figures.lock().unwrap_or_else(PoisonError::into_inner);
+            let figures = &record.figures;
+            all.push((figures.outcome.failed(), figures.force_error_rms_n));
+        })?;
+        let figures = figures.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let failed = figures.iter().filter(|(failed, _)| *failed).count();
+        let mut force: Vec<f64> = figures.iter().filter(|f| !f.0).map(|f| f.1).collect();
+        force.sort_by(f64::total_cmp);
+        let at = |share: f64| {
+            let place = (share * force.len() as f64) as usize;
+            force.get(place.min(force.len().saturating_sub(1))).copied()
+        };
+        Ok(Score {
+            failed,
+            median: at(0.5).unwrap_or(f64::INFINITY),
+            p95: at(0.95).unwrap_or(f64::INFINITY),
+        })
+    }
+
+    /// The best of `candidates`, then better ones about it, as long as they are proved.
+    fn tune(
+        &self,
+        candidates: &[HybridParameters],
+        progress: &dyn Fn(),
+    ) -> Result<(HybridParameters, Score, u64), CliError> {
+        let mut tried = 0;
+        let mut best: Option<(HybridParameters, Score)> = None;
+        for law in candidates {
+            let score = self.score(law)?;
+            progress();
+            tried += 1;
+            if best.as_ref().is_none_or(|(_, b)| score.value() < b.value()) {
+                best = Some((*law, score));
+            }
+        }
+        let Some((mut law, mut score)) = best else {
+            return Err(CliError::Unproven {
+                why: "no gains were found".into(),
+            });
+        };
+        for step in [1.25, 1.12] {
+            for change in CHANGES {
+                for factor in [step, 1.0 / step] {
+                    let other = change(&law, factor);
+                    progress();
+                    if !self.setting.prove(&other, DESIGN_POSES)?.is_stable() {
+                        continue;
+                    }
+                    let found = self.score(&other)?;
+                    tried += 1;
+                    if found.value() < score.value() {
+                        (law, score) = (other, found);
+                        break;
+                    }
+                }
+            }
+        }
+        Ok((law, score, tried))
+    }
+}
+
+/// What is changed on the bench, each by a factor: K_IF, B2, k2 with what the section takes of it,
+/// K_T, the section's frequency and the force's share in it, joint 1's integral.
+const CHANGES: [fn(&HybridParameters, f64) -> HybridParameters; 7] = [
+    |p, f| HybridParameters {
+        force_integral_per_s: digits(p.force_integral_per_s * f),
+        ..*p
+    },
+    |p, f| {
+        let [b1, b2] = p.joint_damping_nms_rad;
+        HybridParameters {
+            joint_damping_nms_rad: [b1, digits(b2 * f)],
+            ..*p
+        }
+    },
+    |p, f| {
+        let [k1, k2] = p.joint_stiffness_nm_rad;
+        HybridParameters {
+            joint_stiffness_nm_rad: [k1, digits(k2 * f)],
+            section_angle_nm_rad: p.section_angle_nm_rad.map(|g| digits(g * f)),
+            ..*p
+        }
+    },
+    |p, f| HybridParameters {
+        torque_loop_per_s: digits(p.torque_loop_per_s * f),
+        ..*p
+    },
+    |p, f| HybridParameters {
+        section_frequency_rad_s: digits(p.section_frequency_rad_s * f),
+        ..*p
+    },
+    |p, f| HybridParameters {
+        section_force: p.section_force.map(|h| digits(h * f)),
+        ..*p
+    },
+    |p, f| HybridParameters {
+        joint1_integral_nm_rads: digits(p.joint1_integral_nm_rads * f),
+        ..*p
+    },
+];
+
+impl PlantArgs {
+    fn hybrid_inputs(&self) -> impl Iterator<Item = Option<&Path>> {
+        self.inputs().chain([self.scenario.scenario.as_deref()])
+    }
+}
+
+impl Setting {
+    /// The proof of `law`, margins included, at so many points of the path.
+    fn prove(&self, law: &HybridParameters, points: usize) -> Result<Proof, CliError> {
+        let plan = &self.bench.planned.plan;
+        let poses: Vec<LoopPose> = poses(plan, points);
+        let subject = Subject {
+            arm: &plan.model.arm,
+            law,
+            poses: &poses,
+            tick_rate_hz: plan.tick_rate_hz,
+        };
+        Ok(Proof::new(&subject, &self.spread, points > DESIGN_POSES)?)
+    }
+
+    fn write_law(&self, output: &Output, law: &HybridParameters) -> Result<(), CliError> {
+        let how = origin(&self.spread, self.bench.planned.plan.tick_rate_hz);
+        let file = config::controller_toml(&(*law).into(), &how);
+        output.write("controller.toml", |w| w.write_all(file.as_bytes()))
+    }
+
+    /// Writes and prints what was found.
+    fn report(
+        &self,
+        output: Output,
+        law: &HybridParameters,
+        proof: &Proof,
+        (keys, facts): (Map<String, Value>, Vec<(String, String)>),
+        json: bool,
+    ) -> Result<(), CliError> {
+        let mut summary = proof_json(proof, &self.spread);
+        summary.insert("gains".into(), law_json(law));
+        summary.extend(keys);
+        let summary = Value::Object(summary);
+        output.write("proof.csv", |w| proof_csv(proof, w))?;
+        output.json("summary.json", &summary)?;
+        let place = output.folder().display().to_string();
+        output.commit()?;
+        if json {
+            return print(&summary);
+        }
+        let mut all = law_facts(law);
+        all.extend(proof_facts(proof, &self.spread));
+        all.extend(facts);
+        print_facts(&all)?;
+        print(format_args!("\nproof.csv and summary.json are in {place}"))
+    }
+}
+
+/// The gains of joint 2 and joint 1 as a file names them.
+fn law_json(p: &HybridParameters) -> Value {
+    json!({
+        "joint_stiffness_Nm_rad": p.joint_stiffness_nm_rad,
+        "joint_damping_Nms_rad": p.joint_damping_nms_rad,
+        "rate_filter_Hz": p.rate_filter_hz,
+        "joint1_integral_Nm_rads": p.joint1_integral_nm_rads,
+        "force_integral_per_s": p.force_integral_per_s,
+        "torque_loop_per_s": p.torque_loop_per_s,
+        "section_frequency_rad_s": p.section_frequency_rad_s,
+        "section_damping": p.section_damping,
+        "section_angle_Nm_rad": p.section_angle_nm_rad,
+        "section_force": p.section_force,
+    })
+}
+
+fn law_facts(p: &HybridParameters) -> Vec<(String, String)> {
+    let [k1, k2] = p.joint_stiffness_nm_rad;
+    let [b1, b2] = p.joint_damping_nms_rad;
+    let [fc1, fc2] = p.rate_filter_hz;
+    [
+        (
+            "joint 1",
+            format!(
+                "K1 {k1} N m/rad, B1 {b1} N m s/rad behind {fc1} Hz, Ki1 {} N m/(rad s)",
+                p.joint1_integral_nm_rads
+            ),
+        ),
+        (
+            "joint 2",
+            format!(
+                "k2 {k2} N m/rad, B2 {b2} N m s/rad behind {fc2} Hz, K_IF {} 1/s, K_T {} 1/s",
+                p.force_integral_per_s, p.torque_loop_per_s
+            ),
+        ),
+        (
+            "section",
+            format!(
+                "{} rad/s, damping {}, g {:?} N m/rad, h {:?}",
+                p.section_frequency_rad_s,
+                p.section_damping,
+                p.section_angle_nm_rad,
+                p.section_force
+            ),
+        ),
+    ]
+    .map(|(name, fact)| (name.to_string(), fact))
+    .to_vec()
+}
+
+fn proof_json(proof: &Proof, spread: &LoopSpread) -> Map<String, Value> {
+    let (up, down, ticks) = proof.margins();
+    let worst = proof.worst();
+    export::object([
+        ("stable", json!(proof.is_stable())),
+        ("plants", json!(proof.all().count())),
+        (
+            "unstable_plants",
+            json!(proof.all().filter(|p| !p.is_stable()).count()),
+        ),
+        ("worst_plant", json!(worst.map(|p| p.name.clone()))),
+        (
+            "worst_pole_per_s",
+            json!(worst.map(|p| [p.slowest.re, p.slowest.im])),
+        ),
+        ("worst_t_s", json!(worst.map(|p| p.t_s))),
+        ("gain_up", json!(up)),
+        ("gain_down", json!(down)),
+        ("delay_margin_ticks", json!(ticks)),
+        ("root_inertia_kgm2", json!(spread.root_inertia_kgm2)),
+        ("stable_root_inertia_kgm2", json!(proof.root_inertia_kgm2)),
+        ("friction", json!(spread.friction)),
+        ("drive_bandwidth_Hz", json!(spread.drive_bandwidth_hz)),
+        ("delay_ticks", json!(spread.delay_ticks)),
+    ])
+}
+
+fn proof_facts(proof: &Proof, spread: &LoopSpread) -> Vec<(String, String)> {
+    let (up, down, ticks) = proof.margins();
+    let [low, high] = spread.root_inertia_kgm2;
+    let count = proof.all().count();
+    let unstable = proof.all().filter(|p| !p.is_stable()).count();
+    let mut facts = vec![
+        (
+            "arms".to_string(),
+            format!(
+                "{count} at the spread's ends: root {low:.2e} to {high:.2e} kg m^2, friction {}, contact {:?} N/m, drives {} Hz and {} ticks",
+                spread.friction,
+                spread.contact_stiffness_n_m,
+                spread.drive_bandwidth_hz,
+                spread.delay_ticks
+            ),
+        ),
+        (
+            "the loop".to_string(),
+            match unstable {
+                0 => "stable on all of them".to_string(),
+                some => format!("UNSTABLE on {some} of them"),
+            },
+        ),
+        (
+            "margins".to_string(),
+            format!("joint 2's torque x {down} to x {up}, {ticks} ticks of delay more"),
+        ),
+    ];
+    if let Some(worst) = proof.worst() {
+        let hertz = worst.slowest.im.abs() / core::f64::consts::TAU;
+        facts.push((
+            "slowest".to_string(),
+            format!(
+                "{:+.3} 1/s ({hertz:.1} Hz) at t = {:.3} s: {}",
+                worst.slowest.re, worst.t_s, worst.name
+            ),
+        ));
+    }
+    if let Some([from, to]) = proof.root_inertia_kgm2 {
+        facts.push((
+            "root inertia".to_string(),
+            format!("stable from {from:.3e} to {to:.3e} kg m^2"),
+        ));
+    }
+    facts
+}
+
+/// A row an arm.
+fn proof_csv(proof: &Proof, mut to: &mut dyn Write) -> std::io::Result<()> {
+    writeln!(
+        to,
+        "plant,pole_re_per_s,pole_im_per_s,t_s,gain_up,gain_down,delay_ticks"
+    )?;
+    for p in proof.all() {
+        writeln!(
+            &mut to,
+            "\"{}\",{},{},{},{},{},{}",
+            p.name, p.slowest.re, p.slowest.im, p.t_s, p.gain_up, p.gain_down, p.ticks
+        )?;
+    }
+    Ok(())
+}

@@ -1,0 +1,119 @@
+//! The bench's plant as far as it is smooth: the arm with its tip pressing on a plane, or in the
+//! air, over any number of lanes. With dual numbers it gives its own linearisation, which is what
+//! gains are found and proved with ([`crate::analysis::hybrid`]).
+//!
+//! Joints turn freely and sliding friction has one direction for good: what a Coulomb element
+//! does while it slides. State: `[theta10, theta20, theta10', theta20', q..., q'...]`, as the rigid
+//! plant's.
+
+use crate::model::arm_model::ArmModel;
+use crate::plant::bench::contact::pressing;
+use crate::plant::bench::free_arm::{FreeArm, Load, Scratch};
+use crate::plant::bench::lanes::Lanes;
+
+/// A plane that a tip presses on, with friction of a given direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PressedPlane {
+    /// Unit normal; a tip that presses pushes along it. Inertial axes.
+    pub normal: [f64; 2],
+    /// Place of the plane along its normal, m.
+    pub offset_m: f64,
+    /// Stiffness of the contact, N/m.
+    pub stiffness_n_m: f64,
+    /// Its damping, N s/m.
+    pub damping_ns_m: f64,
+    /// Friction coefficient; positive where the tip's force on the surface points along
+    /// [`tangent`](Self::tangent), negative against it.
+    pub friction: f64,
+}
+
+impl PressedPlane {
+    /// Unit vector along the plane: the normal turned back by a right angle.
+    pub fn tangent(&self) -> [f64; 2] {
+        [self.normal[1], -self.normal[0]]
+    }
+
+    /// The tip's force on the surface for a normal force of 1 N, inertial axes.
+    pub fn direction(&self) -> [f64; 2] {
+        let tangent = self.tangent();
+        [0, 1].map(|i| self.normal[i] + self.friction * tangent[i])
+    }
+}
+
+/// What a board's sensors see of a [`PressedArm`].
+#[derive(Clone, Copy, Debug)]
+pub struct PressedReading<T> {
+    /// m1 and m2, rad: motor 2 turns link 2's root tangent against link 1.
+    pub motor_angle: [T; 2],
+    /// Moment at link 2's root: joint 2's torque less what the inertia there takes, N m.
+    pub root_moment: T,
+    /// Force along the normal, N; 0 in the air.
+    pub force: T,
+}
+
+/// An arm whose tip presses on a plane, or is in the air.
+#[derive(Clone, Debug)]
+pub struct PressedArm<T> {
+    arm: FreeArm<T>,
+    plane: Option<PressedPlane>,
+    scratch: Scratch<T>,
+}
+
+impl<T: Lanes> PressedArm<T> {
+    /// `model`'s arm on `plane`; `geometric` lets axial forces change its bending stiffness.
+    pub fn new(model: &ArmModel, geometric: bool, plane: Option<PressedPlane>) -> Self {
+        let arm = FreeArm::new(|_| model, geometric);
+        let scratch = arm.scratch();
+        Self {
+            arm,
+            plane,
+            scratch,
+        }
+    }
+
+    /// Writes the derivative of `state` to `slope` and returns what is seen, the drives giving
+    /// `torque` (N m).
+    ///
+    /// # Panics
+    /// If `state` or `slope` is shorter than the state.
+    pub fn derivative(
+        &mut self,
+        state: &[T],
+        torque: [T; 2],
+        slope: &mut [T],
+    ) -> PressedReading<T> {
+        let n = self.arm.dof();
+        let (angle, rate) = ([state[0], state[1]], [state[2], state[3]]);
+        let (q, q_rate) = state[4..4 + 2 * n].split_at(n);
+        let pose = self.arm.pose(angle);
+        let bending = self.arm.bending(q, q_rate);
+        let (tip, velocity) = self.arm.tip(&pose, rate);
+        let (mut force, mut on_surface) = (T::ZERO, [T::ZERO; 2]);
+        if let Some(plane) = &self.plane {
+            let normal = plane.normal.map(T::from_f64);
+            let along = |v: [T; 2]| normal[0] * v[0] + normal[1] * v[1];
+            let depth = along(tip) - T::from_f64(plane.offset_m);
+            let (stiffness, damping) = (plane.stiffness_n_m, plane.damping_ns_m);
+            let [stiffness, damping] = [stiffness, damping].map(T::from_f64);
+            force = pressing(depth, along(velocity), stiffness, damping);
+            on_surface = plane.direction().map(|d| T::from_f64(d) * force);
+        }
+        let load = Load {
+            link1: torque[0] - torque[1],
+            root: torque[1],
+            tip: on_surface,
+        };
+        let (head, q_acceleration) = slope[..4 + 2 * n].split_at_mut(4 + n);
+        let motion = (q, q_rate);
+        let work = (q_acceleration, &mut self.scratch);
+        let turn = self.arm.forward(&pose, rate, motion, &bending, &load, work);
+        head[..2].copy_from_slice(&rate);
+        head[2..4].copy_from_slice(&turn);
+        head[4..].copy_from_slice(q_rate);
+        PressedReading {
+            motor_angle: [angle[0], angle[1] + bending.root - angle[0]],
+            root_moment: torque[1] - self.arm.hub_torque(slope),
+            force,
+        }
+    }
+}
