@@ -207,6 +207,10 @@ impl<T: TableScalar> Gate<'_, T> {
     }
 
     /// A tick in which a torque is limited or undefined, or the first.
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "what is passed by reference is in memory in every tick"
+    )]
     #[cold]
     #[inline(never)]
     fn limited<L: FeedbackLaw<T>>(
