@@ -194,6 +194,8 @@ fn answer<T: Bits>(output: &Output<T>, counts: u32) -> [u32; 4] {
     ]
 }
 
+/// Replays one law. Not inlined, or the image has it twice.
+#[inline(never)]
 fn run<T: Bits>(coefficients: &[u8], (measurements, commands): (&CStr, &CStr)) -> Option<()> {
     let coefficients: Coefficients<T> = postcard::from_bytes(coefficients).ok()?;
     let table = Table::open(TABLE).ok()?;
