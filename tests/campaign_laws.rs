@@ -80,11 +80,7 @@ fn what_knows_the_papers_law_alone_says_so() {
     let out = place.join("out").display().to_string();
     for (arguments, words) in [
         (
-            &["gains"][..],
-            "law = \"hybrid\" is not known to `flexor gains` yet",
-        ),
-        (
-            &["demo"],
+            &["demo"][..],
             "law = \"hybrid\" is not known to `flexor demo` yet",
         ),
         (

@@ -44,25 +44,32 @@ pub(super) struct ProofArgs {
 }
 
 impl ProofArgs {
-    /// Refuses gains that do not hold the bench's arms, or says so.
+    /// Refuses gains that do not hold the bench's arms, or says so; what a summary says of them.
     ///
     /// # Errors
     /// [`CliError::Unproven`], [`CliError::Hybrid`].
-    pub(super) fn check(&self, bench: &Bench) -> Result<(), CliError> {
+    pub(super) fn check(&self, bench: &Bench) -> Result<Map<String, Value>, CliError> {
         #[cfg(feature = "tune")]
         if let LawParameters::Hybrid(law) = &bench.law {
             let (plan, scenario) = (&bench.planned.plan, &bench.config.scenario);
-            let refused = super::gains::hybrid::refuse_unproven(plan, scenario, law);
-            return match refused {
+            return match super::gains::hybrid::hold(plan, scenario, law) {
+                Ok((keys, None)) => Ok(keys),
+                Ok((keys, Some(why))) if self.unproven => {
+                    let refusal = CliError::Unproven { why };
+                    say(format_args!("warning: {refusal}"));
+                    Ok(keys)
+                }
+                Ok((_, Some(why))) => Err(CliError::Unproven { why }),
+                // What cannot be examined, as a friction that no gains bear.
                 Err(why) if self.unproven => {
                     say(format_args!("warning: {why}"));
-                    Ok(())
+                    Ok(Map::new())
                 }
-                other => other,
+                Err(why) => Err(why.into()),
             };
         }
         let _ = bench;
-        Ok(())
+        Ok(Map::new())
     }
 }
 

@@ -234,16 +234,15 @@ fn run_on_bench(args: &RunArgs) -> Result<(), CliError> {
     }
     simulation.adjust(&mut setup.plant, &mut Start::default())?;
     let arm = setup.on_bench(plan, 1)?;
-    args.proof.check(&bench)?;
+    let keys = args.proof.check(&bench)?;
     if let LawParameters::Paper(law) = &bench.law
         && law.has_feedback()
     {
         let plant = setup.on_rigid_surface(&plan.model.arm);
         gains::warn(plan, &plant, law);
     }
-    let nothing = (Map::new(), Vec::new());
     let json = simulation.common.json;
-    let figures = bench.run(output, &arm, "Flexor: run", nothing, json)?;
+    let figures = bench.run(output, &arm, "Flexor: run", (keys, Vec::new()), json)?;
     let required = simulation.require_completed;
     judge(figures.outcome, figures.ended_s, required, &args.out)
 }

@@ -12,17 +12,25 @@
 pub mod closed;
 #[cfg(feature = "tune")]
 pub mod design;
-pub mod plant;
-pub mod proof;
-pub mod spread;
 #[cfg(test)]
-mod tests;
+mod hybrid_tests;
+pub mod plant;
+#[cfg(feature = "tune")]
+pub mod problem;
+pub mod proof;
+#[cfg(feature = "tune")]
+mod search;
+#[cfg(feature = "tune")]
+pub mod sets;
+pub mod spread;
 
 pub use closed::{ClosedLoop, LinearHybrid, Noise, Stress};
 
 #[cfg(feature = "tune")]
-pub use design::{Design, Effort, Problem, design};
+pub use design::{Design, Effort, design};
 pub use plant::{LoopPlant, LoopPose, SampledPlant};
+#[cfg(feature = "tune")]
+pub use problem::Problem;
 pub use proof::Proof;
 pub use spread::{LoopSpread, NamedPlant};
 
@@ -92,6 +100,10 @@ pub fn poses(plan: &Plan, points: usize) -> Vec<LoopPose> {
         })
         .collect()
 }
+
+/// Friction times [`friction_leverage`] above which gains are refused: the force loop's gain is
+/// then multiplied by more than 2.2.
+pub const FRICTION_LEVERAGE_MAX: f64 = 0.55;
 
 /// The largest magnitude of c2/s2 over `poses`: the tangent of link 2's slope to the surface's
 /// normal's cross direction. Friction mu multiplies the force loop's gain by up to
