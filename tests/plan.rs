@@ -7,6 +7,7 @@ use flexor::model::{ArmParameters, Elbow};
 use flexor_sim::planner::path::{LinePath, Profile};
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::task::{Equations, PlanError, Remedy, Task, Window};
+use flexor_sim::planner::tip_force::SurfaceFriction;
 use flexor_sim::plant::PlantParameters;
 use flexor_sim::simulation::start::{Start, plant_for};
 use flexor_tests::{RefTable, fast_task, paper_arm, paper_task};
@@ -386,6 +387,7 @@ proptest! {
             },
             normal_force: force,
             direction: None,
+            friction: SurfaceFriction::default(),
             pre_actuation: Window::Fixed(0.2),
             post_actuation: Window::Fixed(0.1),
         };

@@ -6,6 +6,7 @@ use flexor_sim::planner::path::{LinePath, Profile};
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::table_fit::{EncodedTable, TORQUE_SHARE, fit_table};
 use flexor_sim::planner::task::{Equations, Task, Window};
+use flexor_sim::planner::tip_force::SurfaceFriction;
 use flexor_tests::{paper_arm, paper_task};
 use proptest::prelude::*;
 
@@ -165,6 +166,7 @@ prop_compose! {
             path: LinePath { from: [0.7, 0.05], to: [to, 0.05], duration, profile: Profile::Poly11 },
             normal_force: force,
             direction: None,
+            friction: SurfaceFriction::default(),
             pre_actuation: windows[0],
             post_actuation: windows[1],
         };

@@ -160,7 +160,7 @@ fn samples(plan: &Plan) -> Vec<[f64; COLUMNS]> {
                 } else {
                     point.torque
                 },
-                force: plan.task.normal_force,
+                force: point.force.normal,
                 angle: point.joint.angle,
                 root_slope: point.root_slope,
                 root_slope_rate: point.root_slope_rate,
@@ -301,7 +301,7 @@ fn errors(plan: &Plan, image: &[u8]) -> Result<[(f64, usize); COLUMNS], TableErr
                 Some(next) => sampler.at(0.5 * (point.t + next.t)).torque,
                 None => point.torque,
             },
-            force: plan.task.normal_force,
+            force: point.force.normal,
             angle: point.joint.angle,
             root_slope: point.root_slope,
             root_slope_rate: point.root_slope_rate,

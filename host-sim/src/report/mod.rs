@@ -106,6 +106,7 @@ pub(crate) mod testing {
     use crate::planner::path::{LinePath, Profile};
     use crate::planner::plan::{Plan, PlanOptions, plan};
     use crate::planner::task::{Task, Window};
+    use crate::planner::tip_force::SurfaceFriction;
     use crate::plant::PlantParameters;
     use crate::simulation::closed_loop::{Run, RunOptions, Simulation};
     use crate::simulation::start::Start;
@@ -202,6 +203,7 @@ pub(crate) mod testing {
             },
             normal_force: 2.0,
             direction: None,
+            friction: SurfaceFriction::default(),
             pre_actuation: Window::Fixed(0.1),
             post_actuation: Window::Fixed(0.0),
         };

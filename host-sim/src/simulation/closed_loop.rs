@@ -326,7 +326,7 @@ impl<'a, T: TableScalar> Simulation<'a, T> {
                 t: point.t,
                 reading,
                 tip_reference: point.tip.position,
-                force_reference: self.plan.task.normal_force,
+                force_reference: point.force.normal,
                 torque: self.held,
                 saturation: command.saturation,
                 integral: T::of_sum(self.controller.force_integral()).to_si(self.formats.force),

@@ -292,7 +292,7 @@ fn starts(plan: &Plan, variant: &PlantVariant) -> Result<[Vec<f64>; 2], Stabilit
     let point = sampler.at(t);
     let model = &variant.model;
     let geometric = variant.parameters.geometric_stiffness.is_any();
-    let (rest, _) = dynamics::equilibrium(model, point.joint.angle, plan.force(), geometric)
+    let (rest, _) = dynamics::equilibrium(model, point.joint.angle, plan.force_at(t), geometric)
         .ok_or(StabilityError::Buckled { t_s: t })?;
     let q = model.project_shape_from(&plan.model, sampler.q());
     let rate = model.project_shape_from(&plan.model, sampler.q_rate());

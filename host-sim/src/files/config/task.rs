@@ -3,6 +3,7 @@
 use super::{Check, ConfigError, accepted, optional_pair, pair, parse};
 use crate::planner::path::{LinePath, Profile};
 use crate::planner::task::{Task, Window};
+use crate::planner::tip_force::SurfaceFriction;
 use serde::de::{self, Visitor};
 use serde::{Deserialize, Deserializer};
 use std::fmt;
@@ -17,6 +18,7 @@ struct TaskFile {
     actuation_tolerance: f64,
     path: PathFile,
     force: ForceFile,
+    surface: Option<SurfaceFile>,
 }
 
 /// Ratio to which "auto" lets the link's motion decay: the paper's fast task then starts
@@ -48,6 +50,14 @@ struct ForceFile {
     normal: f64,
     #[serde(default, deserialize_with = "optional_pair")]
     direction: Option<[f64; 2]>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SurfaceFile {
+    #[serde(default)]
+    friction: f64,
+    friction_way_m: Option<f64>,
 }
 
 /// Seconds, or "auto".
@@ -105,6 +115,12 @@ pub fn parse_task(file: &str, text: &str) -> Result<Task, ConfigError> {
             });
         }
     }
+    let mut friction = SurfaceFriction::default();
+    if let Some(surface) = read.surface {
+        friction.coefficient = check.value("surface.friction", surface.friction)?;
+        let way = check.optional("surface.friction_way_m", surface.friction_way_m)?;
+        friction.way_m = way.unwrap_or(friction.way_m);
+    }
     Ok(Task {
         path: LinePath {
             from: check.pair("path.from_m", read.path.from_m)?,
@@ -116,6 +132,7 @@ pub fn parse_task(file: &str, text: &str) -> Result<Task, ConfigError> {
         },
         normal_force: check.value("force.normal_N", read.force.normal)?,
         direction: read.force.direction,
+        friction,
         pre_actuation: window("pre_actuation_s", &read.pre_actuation_s)?,
         post_actuation: window("post_actuation_s", &read.post_actuation_s)?,
     })
