@@ -62,6 +62,10 @@ impl Units {
                 ..*path
             },
             normal_force: self.force() * task.normal_force,
+            friction: SurfaceFriction {
+                way_m: self.length * task.friction.way_m,
+                ..task.friction
+            },
             pre_actuation: window(task.pre_actuation),
             post_actuation: window(task.post_actuation),
             ..*task
@@ -153,6 +157,7 @@ prop_compose! {
         windows in prop::array::uniform2(prop_oneof![Just(Window::Fixed(0.0)), Just(AUTO)]),
         duration in 0.2..4.0_f64,
         force in 0.0..5.0_f64,
+        coefficient in prop_oneof![Just(0.0), 0.0..0.5_f64],
         to in 0.15..0.65_f64,
     ) -> (ArmParameters, Task, PlanOptions) {
         let arm = ArmParameters {
@@ -166,7 +171,7 @@ prop_compose! {
             path: LinePath { from: [0.7, 0.05], to: [to, 0.05], duration, profile: Profile::Poly11 },
             normal_force: force,
             direction: None,
-            friction: SurfaceFriction::default(),
+            friction: SurfaceFriction { coefficient, ..SurfaceFriction::default() },
             pre_actuation: windows[0],
             post_actuation: windows[1],
         };
