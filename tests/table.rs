@@ -115,7 +115,7 @@ fn along(
             duration,
             profile: Profile::Poly11,
         },
-        normal_force,
+        normal_force: normal_force.into(),
         direction: None,
         friction: SurfaceFriction::default(),
         pre_actuation: window,
@@ -304,7 +304,7 @@ prop_compose! {
         };
         let task = Task {
             path: LinePath { from: [0.7, 0.05], to: [to, 0.05], duration, profile: Profile::Poly11 },
-            normal_force: force,
+            normal_force: force.into(),
             direction: None,
             friction: SurfaceFriction::default(),
             pre_actuation: windows[0],

@@ -61,14 +61,14 @@ impl Units {
                 duration: self.time * path.duration,
                 ..*path
             },
-            normal_force: self.force() * task.normal_force,
+            normal_force: (self.force() * task.normal_force.largest()).into(),
             friction: SurfaceFriction {
                 way_m: self.length * task.friction.way_m,
                 ..task.friction
             },
             pre_actuation: window(task.pre_actuation),
             post_actuation: window(task.post_actuation),
-            ..*task
+            ..task.clone()
         }
     }
 
@@ -169,7 +169,7 @@ prop_compose! {
         };
         let task = Task {
             path: LinePath { from: [0.7, 0.05], to: [to, 0.05], duration, profile: Profile::Poly11 },
-            normal_force: force,
+            normal_force: force.into(),
             direction: None,
             friction: SurfaceFriction { coefficient, ..SurfaceFriction::default() },
             pre_actuation: windows[0],

@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             duration: 2.0,
             profile: Profile::Poly11,
         },
-        normal_force: 2.0,
+        normal_force: 2.0.into(),
         direction: None,
         friction: SurfaceFriction::default(),
         pre_actuation: Window::Fixed(0.0),

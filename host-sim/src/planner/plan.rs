@@ -21,7 +21,7 @@ use crate::planner::elastic_bvp::{Deflection, largest, rigid_torque};
 use crate::planner::feasible::{angles_at, check_friction, check_path, lever_ratio};
 use crate::planner::path::{LinePath, Profile, TipMotion};
 use crate::planner::task::{Equations, PlanError, Remedy, SLOPE_MAX_RAD, Task, surface};
-use crate::planner::tip_force::TipForce;
+use crate::planner::tip_force::{NormalForce, TipForce};
 use crate::planner::zeros::{fastest_zero, window_length};
 use crate::text::Shortest;
 use flexor::model::{ArmParameters, Elbow, JointMotion, fingerprint};
@@ -214,7 +214,7 @@ fn remedy(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Remedy {
         ..*options
     };
     let within = |duration: f64| {
-        let mut slower = *task;
+        let mut slower = task.clone();
         slower.path.duration = duration;
         attempt(arm, &slower, &options).ok()
     };
@@ -289,7 +289,7 @@ fn attempt(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<Pl
     let mut plan = Plan {
         branch: Branch::of(&path),
         surface,
-        task: *task,
+        task: task.clone(),
         equations,
         tick_rate_hz,
         pre_ticks,
@@ -442,7 +442,7 @@ impl Plan {
             path.to[1],
             path.duration,
             profile,
-            self.task.normal_force,
+            self.task.normal_force.at(0.0),
             self.surface.normal[0],
             self.surface.normal[1],
             elbow,
@@ -456,6 +456,9 @@ impl Plan {
         let friction = self.task.friction;
         if friction.coefficient != 0.0 {
             values.extend([friction.coefficient, friction.way_m]);
+        }
+        if let NormalForce::Along(profile) = &self.task.normal_force {
+            values.extend(profile.way_points().flatten());
         }
         fingerprint("flexor task 1", &values)
     }

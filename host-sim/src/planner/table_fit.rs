@@ -133,7 +133,7 @@ pub fn task_peaks(plan: &Plan) -> [f64; 2] {
 fn tolerance(plan: &Plan) -> Reference<f64> {
     Reference {
         torque: task_peaks(plan).map(|peak| KNOT_SHARE * peak),
-        force: 1e-6 * plan.task.normal_force.abs(),
+        force: 1e-6 * plan.task.normal_force.largest(),
         angle: [1e-6, 1e-6],
         root_slope: 1e-6,
         root_slope_rate: 2e-4 / plan.task.path.duration,

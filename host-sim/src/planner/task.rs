@@ -4,7 +4,7 @@ use crate::model::arm_model::ModelError;
 use crate::model::configuration::Surface;
 use crate::planner::collocation::CollocationError;
 use crate::planner::path::LinePath;
-use crate::planner::tip_force::{FRICTION_SHARE_MAX, SurfaceFriction, TipForce};
+use crate::planner::tip_force::{FRICTION_SHARE_MAX, NormalForce, SurfaceFriction, TipForce};
 use crate::text::{Shortest, four_digits};
 use flexor::model::{ArmParameters, KinematicsError};
 
@@ -33,12 +33,12 @@ pub enum Window {
 }
 
 /// What the tip shall do.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Task {
     /// The tip's path and its timing.
     pub path: LinePath,
     /// Force on the surface along its normal, N.
-    pub normal_force: f64,
+    pub normal_force: NormalForce,
     /// Direction that tells the path's two normals apart: the force is along the one
     /// with a positive component in this direction. `None`: downwards (+a2), or along
     /// +a1 for a vertical path.
@@ -286,14 +286,14 @@ pub(super) fn surface(task: &Task, arm: &ArmParameters) -> Result<Surface, PlanE
 impl Task {
     /// The tip's force at time `t`, s after the path's start.
     pub fn tip_force(&self, t: f64) -> TipForce {
-        let normal = self.normal_force;
+        let path = &self.path;
+        let [progress, _, _] = path.profile.at(t / path.duration);
+        let way_m = path.length() * progress;
+        let normal = self.normal_force.at(way_m);
         let friction = &self.friction;
         if friction.coefficient == 0.0 {
             return TipForce { normal, along: 0.0 };
         }
-        let path = &self.path;
-        let [progress, _, _] = path.profile.at(t / path.duration);
-        let way_m = path.length() * progress;
         TipForce {
             normal,
             along: friction.coefficient * normal * libm::tanh(way_m / friction.way_m),

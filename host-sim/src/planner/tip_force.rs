@@ -13,6 +13,189 @@
 //! `mu |c2/s2|` comes near 1, dragged against its slope, the tip bites: force feedback found
 //! without friction has too much gain there, and from 1 on the tip jams.
 
+use crate::text::{Shortest, four_digits};
+
+/// The planned normal force along the path.
+#[derive(Clone, Debug, PartialEq)]
+pub enum NormalForce {
+    /// The same everywhere, N.
+    Constant(f64),
+    /// Another one from place to place.
+    Along(ForceProfile),
+}
+
+impl NormalForce {
+    /// The force at a way from the path's start, m, in N.
+    pub fn at(&self, way_m: f64) -> f64 {
+        match self {
+            Self::Constant(force) => *force,
+            Self::Along(profile) => profile.at(way_m),
+        }
+    }
+
+    /// The largest, N.
+    pub fn largest(&self) -> f64 {
+        match self {
+            Self::Constant(force) => *force,
+            Self::Along(profile) => profile.largest(),
+        }
+    }
+}
+
+impl From<f64> for NormalForce {
+    fn from(force: f64) -> Self {
+        Self::Constant(force)
+    }
+}
+
+/// Most way-points of a [`ForceProfile`].
+pub const WAY_POINTS_MAX: usize = 1000;
+
+/// A force over the way along the path, through way-points.
+///
+/// Between two way-points it is a polynomial of degree 5 whose second derivative vanishes at both;
+/// so it is twice continuously differentiable, and with it the planned torques are. Its slope at a
+/// way-point is the harmonic mean of those of the straight lines to its neighbours, at most 1.25 times
+/// either, and 0 where they have different signs. Then the six control points of each polynomial
+/// (Bernstein's: `y0 + h d0 {0, 1/5, 2/5}`, `y1 - h d1 {2/5, 1/5, 0}`) rise or fall with the way-points,
+/// as `d0 + d1` is at most 2.5 times the line's slope: the force never leaves the range of its two
+/// way-points, nor turns between them. Equal slopes give straight lines.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ForceProfile {
+    points: Vec<WayPoint>,
+}
+
+/// A place with its force and the force's slope, m, N, N/m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct WayPoint {
+    way_m: f64,
+    force_n: f64,
+    slope_n_m: f64,
+}
+
+/// Why way-points are no [`ForceProfile`].
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ForceProfileError {
+    /// Too few or too many.
+    #[error("{0} way-points; accepted: 2 to {WAY_POINTS_MAX}")]
+    Number(usize),
+    /// A force that is no number or pulls.
+    #[error("way-point {place} has a force of {} N; accepted: a force in N from 0 to 1e6", Shortest(*force_n))]
+    Force {
+        /// Which, from 1.
+        place: usize,
+        /// Its force, N.
+        force_n: f64,
+    },
+    /// A way-point that does not come after the one before it.
+    #[error("way-point {place} is at {} m, the one before it at {} m; accepted: rising places", Shortest(*way_m), Shortest(*before_m))]
+    Order {
+        /// Which, from 1.
+        place: usize,
+        /// Where it is, m.
+        way_m: f64,
+        /// Where the one before it is, m.
+        before_m: f64,
+    },
+    /// They leave a part of the path without a force.
+    #[error("they reach from {} to {} m; accepted: from 0 to the path's length, {} m, or farther", Shortest(span_m[0]), Shortest(span_m[1]), four_digits(*length_m))]
+    Span {
+        /// From where to where they are, m.
+        span_m: [f64; 2],
+        /// Length of the path, m.
+        length_m: f64,
+    },
+}
+
+impl ForceProfile {
+    /// The profile through way-points `[way from the path's start in m, force in N]` for a path of
+    /// this length, m.
+    ///
+    /// # Errors
+    /// [`ForceProfileError`].
+    pub fn new(way_points: &[[f64; 2]], length_m: f64) -> Result<Self, ForceProfileError> {
+        /// What a path's end may be beyond the last way-point, as a share of its length.
+        const ROUNDING: f64 = 1e-9;
+        const FORCE_MAX_N: f64 = 1e6;
+        /// Of a slope over that of a line beside it.
+        const STEEPEST: f64 = 1.25;
+        let ([first, .., last], 2..=WAY_POINTS_MAX) = (way_points, way_points.len()) else {
+            return Err(ForceProfileError::Number(way_points.len()));
+        };
+        let forces = way_points.iter().zip(1..);
+        if let Some(([_, force_n], place)) =
+            { forces }.find(|([_, force_n], _)| !(0.0..=FORCE_MAX_N).contains(force_n))
+        {
+            let force_n = *force_n;
+            return Err(ForceProfileError::Force { place, force_n });
+        }
+        let mut pairs = way_points.windows(2).zip(2..);
+        if let Some((pair, place)) = pairs.find(|(pair, _)| !(pair[0][0] < pair[1][0])) {
+            let [before_m, way_m] = [0, 1].map(|i| pair[i][0]);
+            return Err(ForceProfileError::Order {
+                place,
+                way_m,
+                before_m,
+            });
+        }
+        let span_m = [first[0], last[0]];
+        if !(span_m[0] <= 0.0 && span_m[1] >= length_m * (1.0 - ROUNDING) && span_m[1].is_finite())
+        {
+            return Err(ForceProfileError::Span { span_m, length_m });
+        }
+        let lines = way_points.windows(2);
+        let lines: Vec<f64> = lines
+            .map(|pair| (pair[1][1] - pair[0][1]) / (pair[1][0] - pair[0][0]))
+            .collect();
+        let slope = |i: usize| match (i.checked_sub(1).map(|i| lines[i]), lines.get(i)) {
+            (Some(before), Some(after)) if before * after > 0.0 => {
+                let mean = 2.0 * before * after / (before + after);
+                let most = STEEPEST * before.abs().min(after.abs());
+                mean.clamp(-most, most)
+            }
+            (Some(_), Some(_)) => 0.0,
+            (before, after) => before.or(after.copied()).unwrap_or(0.0),
+        };
+        let points = way_points.iter().enumerate();
+        Ok(Self {
+            points: points
+                .map(|(i, [way_m, force_n])| WayPoint {
+                    way_m: *way_m,
+                    force_n: *force_n,
+                    slope_n_m: slope(i),
+                })
+                .collect(),
+        })
+    }
+
+    /// The force, N, at a way from the path's start, m.
+    pub fn at(&self, way_m: f64) -> f64 {
+        let after = self.points.partition_point(|point| point.way_m <= way_m);
+        let after = after.clamp(1, self.points.len() - 1);
+        let (from, to) = (self.points[after - 1], self.points[after]);
+        let step = to.way_m - from.way_m;
+        let x = ((way_m - from.way_m) / step).clamp(0.0, 1.0);
+        // The difference to the straight line: for equal slopes nothing.
+        let line = (to.force_n - from.force_n) / step;
+        let (rise, fall) = (from.slope_n_m - line, to.slope_n_m - line);
+        // Hermite's polynomials of degree 5 for a slope of 1 at either end.
+        let end = |x: f64| x * (1.0 + x * x * (-6.0 + x * (8.0 - 3.0 * x)));
+        let straight = from.force_n + x * (to.force_n - from.force_n);
+        straight + step * (rise * end(x) - fall * end(1.0 - x))
+    }
+
+    /// The largest, N.
+    pub fn largest(&self) -> f64 {
+        let forces = self.points.iter().map(|point| point.force_n);
+        forces.fold(0.0, f64::max)
+    }
+
+    /// The way-points, `[way in m, force in N]`.
+    pub fn way_points(&self) -> impl Iterator<Item = [f64; 2]> {
+        self.points.iter().map(|point| [point.way_m, point.force_n])
+    }
+}
+
 /// Friction between tip and surface, as the plan counts on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceFriction {

@@ -89,7 +89,7 @@ impl Motion {
             lengths: [arm.link1_length_m, arm.link2_length_m],
             normal: plan.surface.normal,
             path: [plan.task.path.from, plan.task.path.to],
-            reference: plan.task.normal_force,
+            reference: plan.task.normal_force.largest(),
             times: case.times(),
             t: vec![],
             angle1: vec![],

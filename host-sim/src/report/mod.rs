@@ -201,7 +201,7 @@ pub(crate) mod testing {
                 duration: 0.4,
                 profile: Profile::Poly11,
             },
-            normal_force: 2.0,
+            normal_force: 2.0.into(),
             direction: None,
             friction: SurfaceFriction::default(),
             pre_actuation: Window::Fixed(0.1),

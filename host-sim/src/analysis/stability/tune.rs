@@ -436,7 +436,7 @@ impl Search<'_> {
         let mut sum = 0.0;
         let mut terms = 0.0;
         // Below this part of the reference an error is as good as none.
-        let least = 1e-4 * self.plan.task.normal_force.abs().max(1e-3);
+        let least = 1e-4 * self.plan.task.normal_force.largest().max(1e-3);
         for prediction in &self.predictions {
             let errors = prediction.errors(self.plan, law);
             for start in 0..2 {

@@ -257,6 +257,11 @@ const WORDS: &[(&str, &str)] = &[
     ("path", "a table [path]"),
     ("path.profile", "\"poly11\""),
     ("force", "a table [force]"),
+    (
+        "force.profile_m_N",
+        "way-points [place in m from the path's start, force in N]",
+    ),
+    ("force.profile_csv", "a file of lines s_m,force_N"),
     ("surface", "a table [surface]"),
     ("free", "a table [free]"),
     ("motion", "a table [motion]"),
