@@ -487,7 +487,7 @@ fn the_tasks_fingerprint_tells_plans_apart() {
     let auto = with(&|task| task.pre_actuation = Window::Auto { tolerance: 1e-6 });
     let derived = Task {
         pre_actuation: Window::Auto { tolerance: 1e-6 },
-        ..task
+        ..task.clone()
     };
     let ticks = plan(&arm, &derived, &options).unwrap().pre_ticks;
     let window = Window::Fixed(f64::from(ticks) / f64::from(options.tick_rate_hz));

@@ -53,24 +53,64 @@ pub const WAY_POINTS_MAX: usize = 1000;
 
 /// A force over the way along the path, through way-points.
 ///
-/// Between two way-points it is a polynomial of degree 5 whose second derivative vanishes at both;
-/// so it is twice continuously differentiable, and with it the planned torques are. Its slope at a
-/// way-point is the harmonic mean of those of the straight lines to its neighbours, at most 1.25 times
-/// either, and 0 where they have different signs. Then the six control points of each polynomial
-/// (Bernstein's: `y0 + h d0 {0, 1/5, 2/5}`, `y1 - h d1 {2/5, 1/5, 0}`) rise or fall with the way-points,
-/// as `d0 + d1` is at most 2.5 times the line's slope: the force never leaves the range of its two
-/// way-points, nor turns between them. Equal slopes give straight lines.
+/// Between two way-points it is a polynomial of degree 5 with their slopes and curvatures, so it is twice
+/// continuously differentiable, and the planned torques are. Slopes and curvatures are those of the parabola
+/// through a way-point and its neighbours (at an end, the line's), but no larger than leaves the six control
+/// points of each polynomial in order (Bernstein's: `y0 + {0, h d0 / 5, 2 h d0 / 5 + h^2 c0 / 20}`,
+/// `y1 - {2 h d1 / 5 - h^2 c1 / 20, h d1 / 5, 0}`): then the force rises or falls with the two way-points, never
+/// leaves their range, nor turns between them. A slope is 0 where lines to either side have
+/// different signs, and at most 1.25 times either, so that `h (d0 + d1)` is at most 2.5 times the
+/// rise; curvatures have the half each of what that leaves. Where nothing is cut, parabolas are parabolas.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ForceProfile {
     points: Vec<WayPoint>,
 }
 
-/// A place with its force and the force's slope, m, N, N/m.
+/// A place with its force, and the force's slope and curvature there; m, N, N/m, N/m^2.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct WayPoint {
     way_m: f64,
     force_n: f64,
-    slope_n_m: f64,
+    slope: f64,
+    curvature: f64,
+}
+
+/// The straight line between two way-points.
+#[derive(Clone, Copy)]
+struct Line {
+    step_m: f64,
+    slope: f64,
+}
+
+/// Slope of a force between two lines; the one line's at an end.
+fn slope_between(before: Option<&Line>, after: Option<&Line>) -> f64 {
+    /// Of a slope over that of a line beside it.
+    const STEEPEST: f64 = 1.25;
+    match (before, after) {
+        (Some(a), Some(b)) if a.slope * b.slope > 0.0 => {
+            let parabola = (b.step_m * a.slope + a.step_m * b.slope) / (a.step_m + b.step_m);
+            let most = STEEPEST * a.slope.abs().min(b.slope.abs());
+            parabola.clamp(-most, most)
+        }
+        (Some(_), Some(_)) => 0.0,
+        (line, None) | (None, line) => line.map_or(0.0, |line| line.slope),
+    }
+}
+
+/// The curvatures, from the lowest to the highest, that leave a polynomial's control points in order at the
+/// end (the `right` one or the left one) of a line; it has the slope `own` there and `other` at its other
+/// end.
+fn curvatures(line: &Line, own: f64, other: f64, right: bool) -> [f64; 2] {
+    let Line { step_m, slope } = *line;
+    let left_over = 0.5 * (slope.abs() - 0.4 * (own + other).abs()).max(0.0);
+    let most = 20.0 * left_over / step_m;
+    let own = (4.0 * own.abs() / step_m).min(most);
+    // Away from the way-point a force that rises must not fall.
+    if (slope > 0.0) == right {
+        [-most, own]
+    } else {
+        [-own, most]
+    }
 }
 
 /// Why way-points are no [`ForceProfile`].
@@ -88,7 +128,7 @@ pub enum ForceProfileError {
         force_n: f64,
     },
     /// A way-point that does not come after the one before it.
-    #[error("way-point {place} is at {} m, the one before it at {} m; accepted: rising places", Shortest(*way_m), Shortest(*before_m))]
+    #[error("way-point {place} is at {} m, the one before it at {} m; accepted: rising places, more than {} m apart", Shortest(*way_m), Shortest(*before_m), four_digits(*least_m))]
     Order {
         /// Which, from 1.
         place: usize,
@@ -96,6 +136,8 @@ pub enum ForceProfileError {
         way_m: f64,
         /// Where the one before it is, m.
         before_m: f64,
+        /// How far it must be beyond that, m.
+        least_m: f64,
     },
     /// They leave a part of the path without a force.
     #[error("they reach from {} to {} m; accepted: from 0 to the path's length, {} m, or farther", Shortest(span_m[0]), Shortest(span_m[1]), four_digits(*length_m))]
@@ -117,8 +159,8 @@ impl ForceProfile {
         /// What a path's end may be beyond the last way-point, as a share of its length.
         const ROUNDING: f64 = 1e-9;
         const FORCE_MAX_N: f64 = 1e6;
-        /// Of a slope over that of a line beside it.
-        const STEEPEST: f64 = 1.25;
+        /// Share of the path's length that way-points are apart.
+        const APART: f64 = 1e-6;
         let ([first, .., last], 2..=WAY_POINTS_MAX) = (way_points, way_points.len()) else {
             return Err(ForceProfileError::Number(way_points.len()));
         };
@@ -130,31 +172,38 @@ impl ForceProfile {
             return Err(ForceProfileError::Force { place, force_n });
         }
         let mut pairs = way_points.windows(2).zip(2..);
-        if let Some((pair, place)) = pairs.find(|(pair, _)| !(pair[0][0] < pair[1][0])) {
+        let least_m = APART * length_m;
+        if let Some((pair, place)) = pairs.find(|(pair, _)| !(pair[0][0] + least_m < pair[1][0])) {
             let [before_m, way_m] = [0, 1].map(|i| pair[i][0]);
             return Err(ForceProfileError::Order {
                 place,
                 way_m,
                 before_m,
+                least_m,
             });
         }
         let span_m = [first[0], last[0]];
-        if !(span_m[0] <= 0.0 && span_m[1] >= length_m * (1.0 - ROUNDING) && span_m[1].is_finite())
-        {
+        let covered = span_m[0] <= 0.0 && span_m[1] >= length_m * (1.0 - ROUNDING);
+        if !(covered && span_m.iter().all(|way| way.is_finite())) {
             return Err(ForceProfileError::Span { span_m, length_m });
         }
-        let lines = way_points.windows(2);
-        let lines: Vec<f64> = lines
-            .map(|pair| (pair[1][1] - pair[0][1]) / (pair[1][0] - pair[0][0]))
-            .collect();
-        let slope = |i: usize| match (i.checked_sub(1).map(|i| lines[i]), lines.get(i)) {
-            (Some(before), Some(after)) if before * after > 0.0 => {
-                let mean = 2.0 * before * after / (before + after);
-                let most = STEEPEST * before.abs().min(after.abs());
-                mean.clamp(-most, most)
+        let lines = way_points.windows(2).map(|pair| {
+            let step_m = pair[1][0] - pair[0][0];
+            let slope = (pair[1][1] - pair[0][1]) / step_m;
+            Line { step_m, slope }
+        });
+        let lines: Vec<Line> = lines.collect();
+        let before = |i: usize| i.checked_sub(1).and_then(|i| lines.get(i));
+        let slopes = (0..way_points.len()).map(|i| slope_between(before(i), lines.get(i)));
+        let slopes: Vec<f64> = slopes.collect();
+        let curvature = |i: usize| match (before(i), lines.get(i)) {
+            (Some(a), Some(b)) => {
+                let parabola = 2.0 * (b.slope - a.slope) / (a.step_m + b.step_m);
+                let left = curvatures(a, slopes[i], slopes[i - 1], true);
+                let right = curvatures(b, slopes[i], slopes[i + 1], false);
+                parabola.clamp(left[0].max(right[0]), left[1].min(right[1]))
             }
-            (Some(_), Some(_)) => 0.0,
-            (before, after) => before.or(after.copied()).unwrap_or(0.0),
+            _ => 0.0,
         };
         let points = way_points.iter().enumerate();
         Ok(Self {
@@ -162,7 +211,8 @@ impl ForceProfile {
                 .map(|(i, [way_m, force_n])| WayPoint {
                     way_m: *way_m,
                     force_n: *force_n,
-                    slope_n_m: slope(i),
+                    slope: slopes[i],
+                    curvature: curvature(i),
                 })
                 .collect(),
         })
@@ -177,11 +227,14 @@ impl ForceProfile {
         let x = ((way_m - from.way_m) / step).clamp(0.0, 1.0);
         // The difference to the straight line: for equal slopes nothing.
         let line = (to.force_n - from.force_n) / step;
-        let (rise, fall) = (from.slope_n_m - line, to.slope_n_m - line);
-        // Hermite's polynomials of degree 5 for a slope of 1 at either end.
-        let end = |x: f64| x * (1.0 + x * x * (-6.0 + x * (8.0 - 3.0 * x)));
+        let (rise, fall) = (from.slope - line, to.slope - line);
+        // Hermite's polynomials of degree 5 for a slope and for a curvature of 1 at an end.
+        let slope = |x: f64| x * (1.0 + x * x * (-6.0 + x * (8.0 - 3.0 * x)));
+        let curvature = |x: f64, rest: f64| 0.5 * (x * x) * (rest * rest * rest);
+        let rest = 1.0 - x;
         let straight = from.force_n + x * (to.force_n - from.force_n);
-        straight + step * (rise * end(x) - fall * end(1.0 - x))
+        let bent = from.curvature * curvature(x, rest) + to.curvature * curvature(rest, x);
+        straight + step * (rise * slope(x) - fall * slope(rest) + step * bent)
     }
 
     /// The largest, N.

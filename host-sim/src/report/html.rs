@@ -42,7 +42,10 @@ struct Motion {
     lengths: [f64; 2],
     normal: [f64; 2],
     path: [[f64; 2]; 2],
+    /// The largest planned force.
     reference: f64,
+    /// The planned force over time, `[t, f]`.
+    planned: Vec<[f64; 2]>,
     /// First and last time of the plan, s.
     times: [f64; 2],
     /// Times of the frames, s.
@@ -90,6 +93,9 @@ impl Motion {
             normal: plan.surface.normal,
             path: [plan.task.path.from, plan.task.path.to],
             reference: plan.task.normal_force.largest(),
+            planned: { case.planned_force().into_iter() }
+                .map(|point| point.map(|x| rounded(x, 4)))
+                .collect(),
             times: case.times(),
             t: vec![],
             angle1: vec![],

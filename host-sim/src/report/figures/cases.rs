@@ -5,7 +5,6 @@ use super::plot::{
     BLUE, Curve, Figure, INK, LEFT, PALETTE, Panel, TIME, TITLE, VERMILLION, draw_panels,
     panels_height, render, shortened, text, units,
 };
-use crate::planner::tip_force::NormalForce;
 use crate::report::{Case, ReportError};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
@@ -52,21 +51,6 @@ pub(in crate::report) fn force_axis(
     )
 }
 
-/// The planned force over a case's times, s and N: two points of a constant one.
-fn planned_force(case: &Case) -> Vec<[f64; 2]> {
-    /// Enough for a curve.
-    const POINTS: u32 = 256;
-    let [from, to] = case.times();
-    let steps = match case.plan.task.normal_force {
-        NormalForce::Constant(_) => 1,
-        NormalForce::Along(_) => POINTS,
-    };
-    let times = (0..=steps).map(|i| from + (to - from) * f64::from(i) / f64::from(steps));
-    times
-        .map(|t| [t, case.plan.task.tip_force(t).normal])
-        .collect()
-}
-
 /// Panels of a case's time histories.
 fn history_panels(case: &Case) -> [Panel; 4] {
     const TICKS: usize = 5;
@@ -74,7 +58,7 @@ fn history_panels(case: &Case) -> [Panel; 4] {
     let plan = case.plan;
     let reference = plan.task.normal_force.largest();
     let force = vec![
-        Curve::reference("reference", planned_force(case)),
+        Curve::reference("reference", case.planned_force()),
         Curve::simulated("contact force", BLUE, rows, |r| r.reading.force),
     ];
     let force_axis = force_axis(force[1].values(), reference, TICKS);
@@ -185,7 +169,7 @@ pub(super) fn contact_forces(cases: &[Case]) -> Result<Figure, ReportError> {
         for mut group in groups {
             group.sort_by_key(|c| names.iter().position(|n| *n == c.case));
             let reference = group[0].plan.task.normal_force.largest();
-            let mut curves = vec![Curve::reference("reference", planned_force(group[0]))];
+            let mut curves = vec![Curve::reference("reference", group[0].planned_force())];
             for (index, case) in group.iter().enumerate() {
                 let colour = names.iter().position(|n| *n == case.case).unwrap_or(0);
                 let mut curve = Curve::simulated(
