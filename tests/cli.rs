@@ -369,6 +369,14 @@ fn paths_out_of_reach_and_drives_too_weak_are_named() {
     ] {
         assert!(message.contains(word), "{message}");
     }
+    // The ideal surface has none of it.
+    assert_eq!(rough("0.1").status.code(), Some(0));
+    let output = flexor(&["run", "--ideal", "--task", &task, "--out", &results]);
+    let message = text(&output.stderr);
+    assert!(
+        message.contains("warning: the plan reckons with surface.friction = 0.1"),
+        "{message}"
+    );
     for (friction, words) in [
         ("0.71", "below 1, a friction below 0.7027"),
         (

@@ -6,7 +6,7 @@ use super::figures::{POINTS_MAX, decimate, figures, force_axis, number};
 use super::{Case, ReportError, page};
 use crate::analysis::stability::path::Summary;
 use crate::model::arm_model::deflection_matrix;
-use crate::simulation::closed_loop::SHAPE_STRIDE;
+use crate::simulation::closed_loop::{Run, SHAPE_STRIDE};
 use minijinja::{Value, context};
 use nalgebra::DVector;
 use serde::Serialize;
@@ -74,18 +74,18 @@ fn rounded(value: f64, decimals: i32) -> f64 {
     if rounded.is_finite() { rounded } else { value }
 }
 
+/// Which of a run's shapes the player shows.
+fn frames(run: &Run) -> impl Iterator<Item = usize> {
+    let rows = run.rows.len().div_ceil(SHAPE_STRIDE.max(1));
+    let all = run.shapes.len().min(rows);
+    (0..all).step_by(all.div_ceil(FRAMES_MAX).max(1))
+}
+
 impl Motion {
     fn new(case: &Case) -> Self {
         let (plan, run) = (case.plan, case.run);
         let arm = &plan.model.arm;
         let shape = deflection_matrix(arm, run.elements, INTERVALS);
-        let frames: Vec<usize> = {
-            let all = run
-                .shapes
-                .len()
-                .min(run.rows.len().div_ceil(SHAPE_STRIDE.max(1)));
-            (0..all).step_by(all.div_ceil(FRAMES_MAX).max(1)).collect()
-        };
         let mut motion = Self {
             case: case.title(),
             plant: case.plant_title(),
@@ -109,7 +109,7 @@ impl Motion {
             range: [0.0; 2],
             cut: false,
         };
-        for frame in frames {
+        for frame in frames(run) {
             let row = &run.rows[frame * SHAPE_STRIDE];
             let seen = row.reading;
             let numbers = [row.t, seen.angle[0], seen.angle[1], seen.force];
