@@ -398,7 +398,7 @@ impl Plan {
         self.task.force_at(&self.surface, t)
     }
 
-    /// Largest |c2/s2| of the plan ([`lever_ratio`]), and when it is reached, s.
+    /// Largest |c2/s2| of the plan (how steeply link 2 stands on the surface), and when it is reached, s.
     pub fn lever_ratio_max(&self) -> (f64, f64) {
         let ratios = self.points.iter().map(|point| {
             let ratio = lever_ratio(&self.model, &self.surface, point.joint.angle);
