@@ -15,6 +15,7 @@ use crate::simulation::cases::Mode;
 use crate::simulation::closed_loop;
 use crate::simulation::closed_loop::{Outcome, Run, RunOptions};
 use crate::simulation::start::Start;
+use crate::text::Shortest;
 use clap::{Args, ValueEnum};
 use flexor::control::LawParameters;
 use flexor::table::Table;
@@ -158,6 +159,12 @@ fn run_ideal(args: &RunArgs) -> Result<(), CliError> {
     // The hybrid law is proved on the bench's arms alone: an ideal plant has no drive to prove.
     if let (true, Some(law)) = (simulation.mode != Mode::Feedforward, options.law.paper()) {
         gains::warn(plan, &options.plant, law);
+    }
+    if plan.task.friction.coefficient > 0.0 {
+        say(format_args!(
+            "warning: the plan reckons with surface.friction = {}, and the ideal surface has none; without --ideal a scenario's surface has it (contact.friction)",
+            Shortest(plan.task.friction.coefficient)
+        ));
     }
     let since = Instant::now();
     let progress = progress_bar(plan.points.len() as u64, "ticks, {eta} left");

@@ -368,7 +368,7 @@ impl Noise {
     /// 2 is wrong by a tenth where masses are, as fast as the motion is.
     pub fn for_plan(plan: &Plan) -> Self {
         const MASS_ERROR: f64 = 0.1;
-        let mut noise = Self::for_arm(&plan.model.arm, plan.task.normal_force);
+        let mut noise = Self::for_arm(&plan.model.arm, plan.task.normal_force.largest());
         let count = plan.points.len().max(1) as f64;
         let mean = plan.points.iter().map(|p| p.torque[1]).sum::<f64>() / count;
         let squares = plan.points.iter().map(|p| {

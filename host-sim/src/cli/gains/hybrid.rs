@@ -25,7 +25,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 /// Poses of the path at which a design is made and gains are held against a scenario.
-const DESIGN_POSES: usize = 4;
+const DESIGN_POSES: usize = 9;
 
 /// `base` with what `scenario` says of its arms in its place.
 fn laid_over(base: LoopSpread, scenario: &Scenario) -> LoopSpread {
