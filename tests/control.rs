@@ -304,10 +304,9 @@ fn undefined_measurements_stop_the_torques_for_good() {
         ..Measurement::default()
     };
     // What a law reads; of the rest it does not care.
-    let paper: [fn(&mut Measurement<f32>) -> &mut f32; 5] = [
+    let paper: [fn(&mut Measurement<f32>) -> &mut f32; 4] = [
         |m| &mut m.angle[0],
         |m| &mut m.angle[1],
-        |m| &mut m.root_slope,
         |m| &mut m.root_slope_rate,
         |m| &mut m.force,
     ];

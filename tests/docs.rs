@@ -246,8 +246,20 @@ fn the_table_of_what_feedback_is_worth_is_what_run_gives() {
 
 #[test]
 fn the_tables_of_fixed_point_are_what_accuracy_says() {
+    let hybrid = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/controller.toml");
+    let with_hybrid = ["accuracy", "--out", "out", "--controller", hybrid];
+    accuracy_table(
+        "| number, hybrid law | trial |",
+        &json(&folder("docs_hybrid"), &with_hybrid),
+    );
     let result = json(&folder("docs_accuracy"), &["accuracy", "--out", "out"]);
-    for row in table("docs/fixed-point.md", "| number | trial |") {
+    accuracy_table("| number | trial |", &result);
+    formats_table(&result);
+}
+
+/// Compares a table of errors with what `flexor accuracy` said.
+fn accuracy_table(head: &str, result: &Value) {
+    for row in table("docs/fixed-point.md", head) {
         let [number, trial, rms, largest, saturations] = row.as_slice() else {
             panic!("{row:?}");
         };
@@ -264,6 +276,10 @@ fn the_tables_of_fixed_point_are_what_accuracy_says() {
             assert_eq!(saturations, &figures["saturations"].to_string(), "{trial}");
         }
     }
+}
+
+/// Compares the table of ranges with what `flexor accuracy` said.
+fn formats_table(result: &Value) {
     let signals = [
         "torque1",
         "torque2",
@@ -434,6 +450,12 @@ fn the_ticks_figures_are_the_budgets() {
                 of("tick_flash_bytes"),
                 of("controller_bytes"),
                 of("stack_bytes")
+            );
+            assert!(document.contains(&row), "no {row:?}");
+            let row = format!(
+                "| {shown}, hybrid law | {} | {} | | | |",
+                of("hybrid_instructions_median"),
+                of("hybrid_instructions_max")
             );
             assert!(document.contains(&row), "no {row:?}");
         }

@@ -10,8 +10,10 @@ fn main() {
     copy("memory.x", &out.join("memory.x"));
     for (variable, file) in [
         ("FLEXOR_TABLE", "table.bin"),
-        ("FLEXOR_FIXED", "fixed.bin"),
-        ("FLEXOR_FLOAT", "float.bin"),
+        ("FLEXOR_PAPER_FIXED", "paper_fixed.bin"),
+        ("FLEXOR_PAPER_FLOAT", "paper_float.bin"),
+        ("FLEXOR_HYBRID_FIXED", "hybrid_fixed.bin"),
+        ("FLEXOR_HYBRID_FLOAT", "hybrid_float.bin"),
     ] {
         println!("cargo:rerun-if-env-changed={variable}");
         let source = env::var(variable).unwrap_or_else(|_| {

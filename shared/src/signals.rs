@@ -83,13 +83,11 @@ pub struct PoseSetpoint<T> {
     pub torque: [T; 2],
     /// Contact force along the surface normal, pressing positive, N.
     pub force: T,
-    /// Angles (theta10, theta20), rad.
-    pub angle: [T; 2],
-    /// Slope of link 2 at its root against the chord, w'(0), rad; in fixed point an angle, as
-    /// those are.
-    pub root_slope: T,
-    /// Direction of the surface normal, from a1 towards a2, rad.
-    pub normal_angle: T,
+    /// Angles of the motors (m1, m2), rad: `theta10`, and that of link 2's root tangent against
+    /// link 1, `theta20 - theta10 + w'(0)`.
+    pub motor: [T; 2],
+    /// s2: joint 2's torque of a unit force along the surface normal, m.
+    pub moment_arm: T,
 }
 
 /// The plan's values at one tick, all columns of a table's row: the law's [`Setpoint`] and
@@ -142,18 +140,6 @@ impl<T: Copy> Reference<T> {
             torque: self.torque,
             force: self.force,
             root_slope_rate: self.root_slope_rate,
-            normal_angle: self.normal_angle,
-        }
-    }
-
-    /// The part that the hybrid control law reads.
-    #[inline]
-    pub const fn pose(&self) -> PoseSetpoint<T> {
-        PoseSetpoint {
-            torque: self.torque,
-            force: self.force,
-            angle: self.angle,
-            root_slope: self.root_slope,
             normal_angle: self.normal_angle,
         }
     }

@@ -1,5 +1,5 @@
-//! The demo's run replayed on cores without floating point, Cortex-M0 and Cortex-M3, in
-//! fixed point and in emulated f32: every output bit against the host, instructions per
+//! The demo's run, with each law, replayed on cores without floating point, Cortex-M0 and
+//! Cortex-M3, in fixed point and in emulated f32: every output bit against the host, instructions per
 //! tick, sizes, and that no float routine is in the fixed-point image. What that takes is
 //! held against `firmware/replay/budget.toml`.
 
@@ -9,13 +9,14 @@ use crate::setup::Toolchain;
 use crate::{announce, firmware, inputs, root, run};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use flexor::control::{Coefficients, Command};
+use flexor::control::{Coefficients, Command, LawParameters};
 use flexor::fault::Fault;
 use flexor::number::fixed::Fixed;
 use flexor::signals::{Formats, Measurement, Saturation};
 use flexor_sim::analysis::fixed_point::accuracy::run_fixed;
 use flexor_sim::analysis::fixed_point::range;
-use flexor_sim::simulation::closed_loop::Simulation;
+use flexor_sim::files::config;
+use flexor_sim::simulation::closed_loop::{RunOptions, Simulation};
 use object::{Object, ObjectSymbol};
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -42,8 +43,11 @@ const CORES: [(&str, &str, &str); 2] = [
 /// The images.
 const IMAGES: [&str; 2] = ["fixed", "float"];
 
-/// Longest run of one image. The slowest, f32 on the Cortex-M0, takes a fifth of it.
-const PATIENCE: Duration = Duration::from_secs(300);
+/// The laws, each of which an image replays, and what the figures of a tick with it begin with.
+const LAWS: [(&str, &str); 2] = [("paper", ""), ("hybrid", "hybrid_")];
+
+/// Longest run of one image. The slowest, f32 on the Cortex-M0, takes a quarter of it.
+const PATIENCE: Duration = Duration::from_secs(600);
 
 /// How many times more instructions emulated f32 takes at least.
 const GAIN_MIN: u64 = 4;
@@ -72,20 +76,22 @@ pub(crate) fn run_verb(options: &Options) -> Result<()> {
 
 /// Where fixed point is not as much faster than emulated f32 as it should be.
 pub(crate) fn too_slow(figures: &Figures) -> Vec<String> {
-    let median = |core: &str, image: &str| {
-        let name = format!("{core}_{image}_instructions_median");
+    let median = |core: &str, image: &str, of: &str| {
+        let name = format!("{core}_{image}_{of}instructions_median");
         figures.get(&name).copied()
     };
-    let medians = CORES.map(|(core, ..)| {
-        let fixed = median(core, "fixed").unwrap_or(u64::MAX);
-        (core, fixed, median(core, "float").unwrap_or(0))
+    let laws = LAWS.into_iter();
+    let medians = laws.flat_map(|(law, of)| {
+        CORES.map(|(core, ..)| {
+            let fixed = median(core, "fixed", of).unwrap_or(u64::MAX);
+            (core, law, fixed, median(core, "float", of).unwrap_or(0))
+        })
     });
     medians
-        .into_iter()
-        .filter(|(_, fixed, float)| *float < GAIN_MIN.saturating_mul(*fixed))
-        .map(|(core, fixed, float)| {
+        .filter(|(_, _, fixed, float)| *float < GAIN_MIN.saturating_mul(*fixed))
+        .map(|(core, law, fixed, float)| {
             format!(
-                "{core}: f32 takes {float} instructions, fixed point {fixed}: less than {GAIN_MIN} times fewer"
+                "{core}, {law}: f32 takes {float} instructions, fixed point {fixed}: less than {GAIN_MIN} times fewer"
             )
         })
         .collect()
@@ -133,23 +139,66 @@ impl Recording {
 /// What the images are built from and what they replay.
 struct Prepared {
     /// Variables that name the files.
-    environment: [(&'static str, PathBuf); 3],
-    fixed: Recording,
-    float: Recording,
+    environment: Vec<(&'static str, PathBuf)>,
+    /// The laws' runs, of each image.
+    recordings: [[Recording; 2]; 2],
 }
 
-/// Runs the demo in both number types and writes table and coefficients into the returned
-/// folder.
+/// Runs the demo with both laws in both number types and writes table and coefficients into the
+/// returned folder.
 fn prepare(demo: &Demo) -> Result<(Prepared, PathBuf)> {
+    const VARIABLES: [[&str; 2]; 2] = [
+        ["FLEXOR_PAPER_FIXED", "FLEXOR_PAPER_FLOAT"],
+        ["FLEXOR_HYBRID_FIXED", "FLEXOR_HYBRID_FLOAT"],
+    ];
+    let out = firmware::target_folder().join("replay");
+    fs::create_dir_all(&out)?;
+    let file = |name: &str, bytes: &[u8]| -> Result<PathBuf> {
+        Ok(std::path::absolute(firmware::write(
+            &out.join(name),
+            bytes,
+        )?)?)
+    };
+    let mut environment = vec![("FLEXOR_TABLE", file("table.bin", &demo.table.image)?)];
+    let hybrid = config::parse_controller("controller.toml", config::DEFAULT_CONTROLLER)?;
+    let mut runs = vec![];
+    for ((variables, law), (name, _)) in VARIABLES
+        .into_iter()
+        .zip([demo.setup.law, hybrid])
+        .zip(LAWS)
+    {
+        let (coefficients, recordings) = record(demo, &law)?;
+        for ((variable, bytes), image) in variables.into_iter().zip(coefficients).zip(IMAGES) {
+            environment.push((variable, file(&format!("{name}_{image}.bin"), &bytes)?));
+        }
+        runs.push(recordings);
+    }
+    let mut runs = runs.into_iter();
+    let [[fixed1, float1], [fixed2, float2]] = [runs.next(), runs.next()]
+        .map(|run| run.unwrap_or_else(|| [Recording::new(), Recording::new()]));
+    let prepared = Prepared {
+        environment,
+        recordings: [[fixed1, fixed2], [float1, float2]],
+    };
+    Ok((prepared, out))
+}
+
+/// Runs the demo with `law` in both number types: coefficients as bytes, and the runs.
+fn record(demo: &Demo, law: &LawParameters) -> Result<([Vec<u8>; 2], [Recording; 2])> {
     let Demo {
         plan, table, setup, ..
     } = demo;
-    let options = inputs::options(setup);
+    // The run begins in contact, at the table's first tick.
+    let law = law.without_settling();
+    let options = RunOptions {
+        law,
+        ..inputs::options(setup)
+    };
     let image = &table.image;
-    let analysis = range::analyse(plan, image, &setup.law, &setup.limits)?;
+    let analysis = range::analyse(plan, image, &law, &setup.limits)?;
     let single = Coefficients::<f32>::new(
         &setup.arm,
-        &setup.law,
+        &law,
         &setup.limits,
         plan.tick_rate_hz,
         &Formats::default(),
@@ -166,35 +215,12 @@ fn prepare(demo: &Demo) -> Result<(Prepared, PathBuf)> {
     Simulation::<f32>::new(plan, image, &options)?
         .run(|step| float.add(f32::to_bits, &step.measured, &step.command));
 
-    let out = firmware::target_folder().join("replay");
-    fs::create_dir_all(&out)?;
-    let mut buffer = [0; 512];
-    let file = |name: &str, bytes: &[u8]| -> Result<PathBuf> {
-        Ok(std::path::absolute(firmware::write(
-            &out.join(name),
-            bytes,
-        )?)?)
-    };
-    let environment = [
-        ("FLEXOR_TABLE", file("table.bin", image)?),
-        (
-            "FLEXOR_FIXED",
-            file(
-                "fixed.bin",
-                postcard::to_slice(&analysis.coefficients, &mut buffer)?,
-            )?,
-        ),
-        (
-            "FLEXOR_FLOAT",
-            file("float.bin", postcard::to_slice(&single, &mut buffer)?)?,
-        ),
+    let mut buffer = [0; 1024];
+    let coefficients = [
+        postcard::to_slice(&analysis.coefficients, &mut buffer)?.to_vec(),
+        postcard::to_slice(&single, &mut buffer)?.to_vec(),
     ];
-    let prepared = Prepared {
-        environment,
-        fixed,
-        float,
-    };
-    Ok((prepared, out))
+    Ok((coefficients, [fixed, float]))
 }
 
 /// Builds and replays every image on every core; the figures.
@@ -205,17 +231,18 @@ pub(crate) fn measure() -> Result<Figures> {
     let mut figures = Figures::new();
     for (core, target, machine) in CORES {
         cargo("build", target, &out, &prepared.environment, &[])?;
-        for (name, recording) in IMAGES.into_iter().zip([&prepared.fixed, &prepared.float]) {
+        for (name, recordings) in IMAGES.into_iter().zip(&prepared.recordings) {
             let elf = out.join(target).join("release").join(name);
             check_float_routines(&elf, name == "float")
                 .with_context(|| format!("{core}, {name}"))?;
             announce(&format!("replaying the run in {name} on {machine}"));
-            let measured = measure_image(&elf, machine, recording, &out)
+            let measured = measure_image(&elf, machine, recordings, &out)
                 .with_context(|| format!("replaying {name} on {machine}"))?;
             let table_bytes = demo.table.image.len() as u64;
             let flash = crate::image::sizes_in(&elf, FLASH)?.flash - table_bytes;
             let tick = crate::image::reachable_bytes(&elf, "flexor_tick")?;
             let sizes = [("flash_bytes", flash), ("tick_flash_bytes", tick)];
+            let sizes = sizes.map(|(figure, value)| (figure.to_owned(), value));
             for (figure, value) in sizes.into_iter().chain(measured) {
                 figures.insert(format!("{core}_{name}_{figure}"), value);
             }
@@ -240,15 +267,42 @@ fn check_float_routines(elf: &Path, wanted: bool) -> Result<()> {
     Ok(())
 }
 
-/// Replays a recording and compares every command; what the image says of itself, and
+/// Replays the laws' recordings and compares every command; what the image says of itself, and
 /// instructions a tick.
 fn measure_image(
     elf: &Path,
     machine: &str,
-    recording: &Recording,
+    recordings: &[Recording; 2],
     out: &Path,
-) -> Result<[(&'static str, u64); 4]> {
-    let replayed = replay(elf, machine, &recording.measurements, out)?;
+) -> Result<Figures> {
+    let folder = out.join("replay");
+    fs::create_dir_all(&folder)?;
+    for ((law, _), recording) in LAWS.into_iter().zip(recordings) {
+        let measurements = folder.join(format!("{law}.measurements.bin"));
+        fs::write(measurements, &recording.measurements)?;
+        let _ = fs::remove_file(folder.join(format!("{law}.commands.bin")));
+    }
+    emulate(elf, machine, &folder)?;
+    let mut figures = Figures::new();
+    for ((law, of), recording) in LAWS.into_iter().zip(recordings) {
+        let replayed = answers(&folder.join(format!("{law}.commands.bin")))?;
+        let measured = compare(&replayed, recording).with_context(|| format!("law = \"{law}\""))?;
+        for (figure, value) in measured {
+            // Both laws are in one controller; the deeper stack counts.
+            let name = if figure.starts_with("instructions") {
+                format!("{of}{figure}")
+            } else {
+                figure.into()
+            };
+            let known = figures.entry(name).or_insert(0);
+            *known = value.max(*known);
+        }
+    }
+    Ok(figures)
+}
+
+/// Compares every command of a law; what the image says of itself, and instructions a tick.
+fn compare(replayed: &Replayed, recording: &Recording) -> Result<[(&'static str, u64); 4]> {
     let [nops, controller, stack, runs] = replayed.head.map(u64::from);
     let pairs = recording.commands.iter().zip(&replayed.ticks);
     let differing = pairs
@@ -348,16 +402,11 @@ struct Replayed {
     ticks: Vec<[u32; 4]>,
 }
 
-/// Runs an image in QEMU on the measurements.
-fn replay(elf: &Path, machine: &str, measurements: &[u8], out: &Path) -> Result<Replayed> {
-    let folder = out.join("replay");
-    fs::create_dir_all(&folder)?;
-    fs::write(folder.join("measurements.bin"), measurements)?;
-    let answers = folder.join("commands.bin");
-    let _ = fs::remove_file(&answers);
+/// Runs an image in QEMU, in the folder of its files.
+fn emulate(elf: &Path, machine: &str, folder: &Path) -> Result<()> {
     let elf = std::path::absolute(elf)?;
     let mut child = std::process::Command::new("qemu-system-arm")
-        .current_dir(&folder)
+        .current_dir(folder)
         .args([
             "-M",
             machine,
@@ -391,7 +440,12 @@ fn replay(elf: &Path, machine: &str, measurements: &[u8], out: &Path) -> Result<
         thread::sleep(Duration::from_millis(20));
     };
     ensure!(status.success(), "the image ended with {status}");
-    let bytes = fs::read(&answers).with_context(|| format!("no {}", answers.display()))?;
+    Ok(())
+}
+
+/// What an image answered, from its file.
+fn answers(file: &Path) -> Result<Replayed> {
+    let bytes = fs::read(file).with_context(|| format!("no {}", file.display()))?;
     let mut records = bytes.as_chunks::<16>().0.iter().map(|record| {
         let words = record.as_chunks::<4>().0;
         [0, 1, 2, 3].map(|i| words.get(i).map_or(0, |word| u32::from_le_bytes(*word)))

@@ -1,10 +1,10 @@
 //! Replays recorded measurements through the control tick of `shared` on cores without
-//! floating point, and counts instructions. Runs in QEMU and talks to `cargo xtask replay`
-//! through files (semihosting):
+//! floating point, with each law, and counts instructions. Runs in QEMU and talks to `cargo xtask
+//! replay` through files (semihosting), of which each law has its own ([`LAWS`]):
 //!
-//! - in, `measurements.bin`: eight words a tick, the bits of theta10, theta20, root slope,
+//! - in, measurements: eight words a tick, the bits of theta10, theta20, root slope,
 //!   its rate, force, both motor angles, root moment;
-//! - out, `commands.bin`: four words first (counts of 100,000 `nop`s, bytes of a
+//! - out, commands: four words first (counts of 100,000 `nop`s, bytes of a
 //!   controller, bytes of stack that a tick takes, runs a count is for), then four words a
 //!   tick: the bits of both torques, limits and fault, ticks of the stopwatch.
 //!
@@ -14,6 +14,7 @@
 
 #![no_std]
 
+use core::ffi::CStr;
 use core::hint::black_box;
 use core::panic::PanicInfo;
 use cortex_m::peripheral::SYST;
@@ -30,6 +31,12 @@ use semihosting::io::{Read, Write};
 use semihosting::process::exit;
 
 static TABLE: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/table.bin"));
+
+/// The files of the laws: measurements and commands.
+const LAWS: [(&CStr, &CStr); 2] = [
+    (c"paper.measurements.bin", c"paper.commands.bin"),
+    (c"hybrid.measurements.bin", c"hybrid.commands.bin"),
+];
 
 /// Runs of each tick that are counted together.
 const RUNS: u32 = 8;
@@ -135,12 +142,23 @@ fn stack_of(call: impl FnOnce()) -> u32 {
     used.map_or(0, |lowest| top + 64 - lowest)
 }
 
-/// Replays everything and ends the emulation.
-pub fn replay<T: Bits>(coefficients: &[u8]) -> ! {
-    match run::<T>(coefficients) {
-        Some(()) => exit(0),
-        None => exit(3),
-    }
+/// Replays everything, each law with its coefficients, and ends the emulation.
+pub fn replay<T: Bits>(coefficients: [&[u8]; 2]) -> ! {
+    let done = start_stopwatch().is_some()
+        && LAWS
+            .into_iter()
+            .zip(coefficients)
+            .all(|(files, coefficients)| run::<T>(coefficients, files).is_some());
+    exit(if done { 0 } else { 3 })
+}
+
+fn start_stopwatch() -> Option<()> {
+    let mut systick = cortex_m::Peripherals::take()?.SYST;
+    systick.set_clock_source(SystClkSource::Core);
+    systick.set_reload(0x00ff_ffff);
+    systick.clear_current();
+    systick.enable_counter();
+    Some(())
 }
 
 /// A measurement as the host wrote it: eight numbers' bits.
@@ -176,13 +194,9 @@ fn answer<T: Bits>(output: &Output<T>, counts: u32) -> [u32; 4] {
     ]
 }
 
-fn run<T: Bits>(coefficients: &[u8]) -> Option<()> {
-    let mut systick = cortex_m::Peripherals::take()?.SYST;
-    systick.set_clock_source(SystClkSource::Core);
-    systick.set_reload(0x00ff_ffff);
-    systick.clear_current();
-    systick.enable_counter();
-
+/// Replays one law. Not inlined, or the image has it twice.
+#[inline(never)]
+fn run<T: Bits>(coefficients: &[u8], (measurements, commands): (&CStr, &CStr)) -> Option<()> {
     let coefficients: Coefficients<T> = postcard::from_bytes(coefficients).ok()?;
     let table = Table::open(TABLE).ok()?;
     let mut controller = Controller::with(&table, &coefficients).ok()?;
@@ -191,8 +205,8 @@ fn run<T: Bits>(coefficients: &[u8]) -> Option<()> {
         saturation: [Saturation::None; 2],
         fault: None,
     };
-    let mut input = File::open(c"measurements.bin").ok()?;
-    let mut commands = File::create(c"commands.bin").ok()?;
+    let mut input = File::open(measurements).ok()?;
+    let mut commands = File::create(commands).ok()?;
     let stack = stack_of(|| flexor_tick(&mut controller, &Measurement::default(), &mut output));
     controller.restart();
     let size = size_of::<Controller<T>>() as u32;

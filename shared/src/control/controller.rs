@@ -14,7 +14,7 @@ use crate::control::feedback::FeedbackLaw;
 use crate::control::hybrid::{HybridLaw, HybridState};
 use crate::control::law::{Law, LawParameters};
 use crate::control::limiter::{LimitParameters, TorqueLimiter};
-use crate::control::motion::{Motion, Reading};
+use crate::control::motion::Motion;
 use crate::control::paper::{PaperLaw, PaperState};
 use crate::fault::{Fault, Reaction};
 use crate::model::ArmParameters;
@@ -36,8 +36,6 @@ pub struct Command<T> {
     pub saturation: [Saturation; 2],
     /// Where the run is.
     pub phase: Phase,
-    /// How far from the plan the measurement was; zero while a fault is latched.
-    pub deviation: Deviation<T>,
     /// The latched fault, if any; the torques are then zero.
     pub fault: Option<Fault>,
 }
@@ -143,43 +141,108 @@ impl<T: TableScalar> Feedback<T> {
     }
 }
 
+/// What a controller gives.
+#[derive(Clone, Copy, Debug)]
+struct Given<T> {
+    /// Torques (tau1, tau2), N m; unknown before the first tick, whose rates have no limit.
+    torque: [T; 2],
+    /// How they were limited.
+    saturation: [Saturation; 2],
+    /// The latched fault, for which there is no torque.
+    fault: Option<Fault>,
+}
+
+impl<T: TableScalar> Given<T> {
+    /// Nothing yet.
+    const NOTHING: Self = Self {
+        torque: [T::UNKNOWN; 2],
+        saturation: [Saturation::None; 2],
+        fault: None,
+    };
+
+    /// None for a fault.
+    const fn none(fault: Option<Fault>) -> Self {
+        Self {
+            torque: [T::ZERO; 2],
+            fault,
+            ..Self::NOTHING
+        }
+    }
+}
+
 /// What a law's torques pass on their way to the drives.
 struct Gate<'c, T: TableScalar> {
     limiter: &'c TorqueLimiter<T>,
-    /// Torques of the tick before, if there was one.
-    previous: Option<[T; 2]>,
+    /// What was given at the tick before, and then at this one.
+    given: &'c mut Given<T>,
+    deviation: &'c mut Deviation<T>,
 }
 
 impl<T: TableScalar> Gate<'_, T> {
-    /// One law's tick: the torques within the limits, and how they were limited. Leaves in
-    /// `deviation` how far from the plan it is.
-    ///
-    /// # Errors
-    /// The fault for which there must be no torque.
+    /// One law's tick: gives the torques within the limits, or none and the fault for which there
+    /// must be none. Notes how far from the plan the measurement is.
     #[inline]
     fn tick<L: FeedbackLaw<T>>(
-        &self,
+        self,
         law: &L,
         state: &mut L::State,
-        setpoint: &L::Setpoint,
-        measured: &Measurement<T>,
+        (setpoint, measured): (&L::Setpoint, &Measurement<T>),
         saturations: &mut SaturationCounts<T::SaturationCount>,
-        deviation: &mut Deviation<T>,
-    ) -> Result<([T; 2], [Saturation; 2]), Fault> {
-        if !L::reads_finite(measured) {
-            return Err(Fault::MeasurementNotFinite);
-        }
+    ) {
+        let sound = L::shows_in_torque(measured);
         let demand = law.update(state, setpoint, measured, saturations);
-        let torque = L::torque(&demand);
-        *deviation = L::deviation(&demand, setpoint, measured);
-        let free = [Saturation::None; 2];
-        if measured.drive == free && self.limiter.permits(self.previous, torque) {
-            return Ok((torque, free));
+        let [torque1, torque2] = L::torque(&demand);
+        L::note(&demand, setpoint, measured, self.deviation);
+        let [drive1, drive2] = measured.drive.map(|limit| limit as u8);
+        if sound
+            && drive1 | drive2 == Saturation::None as u8
+            && self.limiter.permits(self.given.torque, [torque1, torque2])
+        {
+            self.given.torque[0] = torque1;
+            self.given.torque[1] = torque2;
+            self.given.saturation = [Saturation::None; 2];
+        } else {
+            self.limited(law, state, demand, measured);
         }
-        let (torque, saturation) = self.limiter.limit(self.previous, torque)?;
-        let any = [0, 1].map(|joint| saturation[joint].or(measured.drive[joint]));
-        law.anti_windup(state, &demand, any);
-        Ok((torque, saturation))
+    }
+
+    /// A tick in which a torque is limited or undefined, or the first.
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "what is passed by reference is in memory in every tick"
+    )]
+    #[cold]
+    #[inline(never)]
+    fn limited<L: FeedbackLaw<T>>(
+        self,
+        law: &L,
+        state: &mut L::State,
+        demand: L::Demand,
+        measured: &Measurement<T>,
+    ) {
+        let previous = self.given.torque;
+        let limited = if L::reads_finite(measured) {
+            let previous = previous[0].is_known().then_some(previous);
+            self.limiter.limit(previous, L::torque(&demand))
+        } else {
+            Err(Fault::MeasurementNotFinite)
+        };
+        match limited {
+            Ok((torque, saturation)) => {
+                let any = [0, 1].map(|joint| saturation[joint].or(measured.drive[joint]));
+                law.anti_windup(state, &demand, any);
+                *self.given = Given {
+                    torque,
+                    saturation,
+                    fault: None,
+                };
+            }
+            Err(fault) => {
+                // What is not finite may be in it.
+                *state = L::State::default();
+                *self.given = Given::none(Some(fault));
+            }
+        }
     }
 }
 
@@ -190,9 +253,9 @@ pub struct Controller<'a, T: TableScalar> {
     limiter: TorqueLimiter<T>,
     table: Table<'a>,
     cursor: Cursor<'a, T>,
-    /// Torques of the tick before, if there was one.
-    previous: Option<[T; 2]>,
-    fault: Option<Fault>,
+    given: Given<T>,
+    /// What the law notes of it, the force the other way round.
+    deviation: Deviation<T>,
     saturations: SaturationCounts<T::SaturationCount>,
 }
 
@@ -246,15 +309,15 @@ impl<'a, T: TableScalar> Controller<'a, T> {
     ) -> Self {
         let cursor = match law {
             Law::Paper(_) => cursor,
-            Law::Hybrid(_) => cursor.with_pose(table),
+            Law::Hybrid(law) => cursor.with_pose(table, law.link2_length()),
         };
         Self {
             feedback: Feedback::new(law, table),
             limiter,
             table: *table,
             cursor,
-            previous: None,
-            fault: None,
+            given: Given::NOTHING,
+            deviation: Deviation::default(),
             saturations: SaturationCounts::default(),
         }
     }
@@ -269,15 +332,15 @@ impl<'a, T: TableScalar> Controller<'a, T> {
                 motion.restart();
             }
         }
-        self.previous = None;
-        self.fault = None;
+        self.given = Given::NOTHING;
+        self.deviation = Deviation::default();
         self.saturations = SaturationCounts::default();
     }
 
     /// Latches a fault that was found outside the controller, unless one is latched
     /// already: torques are zero from the next tick on.
     pub fn trip(&mut self, fault: Fault) {
-        self.fault = self.fault.or(Some(fault));
+        self.given.fault = self.given.fault.or(Some(fault));
     }
 
     /// Ends the run: the table stops, the force is taken away, the tip lifted off, and the arm
@@ -285,7 +348,7 @@ impl<'a, T: TableScalar> Controller<'a, T> {
     /// motion, and there a cause switches off.
     pub fn retract(&mut self, cause: Option<Fault>) {
         match &mut self.feedback {
-            Feedback::Paper(..) => self.fault = self.fault.or(cause),
+            Feedback::Paper(..) => self.given.fault = self.given.fault.or(cause),
             Feedback::Hybrid(_, _, motion) => motion.retract(cause),
         }
     }
@@ -334,7 +397,7 @@ impl<'a, T: TableScalar> Controller<'a, T> {
 
     /// The latched fault, for which there is no torque.
     pub fn fault(&self) -> Option<Fault> {
-        self.fault
+        self.given.fault
     }
 
     /// True when the table's last tick has been reached; further ticks hold it.
@@ -350,6 +413,28 @@ impl<'a, T: TableScalar> Controller<'a, T> {
         }
     }
 
+    /// How far from the plan the last tick's measurement was; zero while a fault is latched.
+    #[inline]
+    pub fn deviation(&self) -> Deviation<T> {
+        if self.given.fault.is_some() {
+            return Deviation::default();
+        }
+        let mut deviation = Deviation {
+            force: self.deviation.force.negative(),
+            ..self.deviation
+        };
+        if let Feedback::Hybrid(_, state, motion) = &self.feedback {
+            deviation.angle = state.angle_error.unwrap_or_default();
+            if !motion.on_plan() {
+                // The wanted force is not the table's, whose moment is part of its torque,
+                // and the link is bent by another one than planned.
+                deviation.balance = T::ZERO;
+                deviation.angle[1] = T::ZERO;
+            }
+        }
+        deviation
+    }
+
     /// How often each signal has saturated since the start.
     pub fn saturations(&self) -> &SaturationCounts<T::SaturationCount> {
         &self.saturations
@@ -359,60 +444,46 @@ impl<'a, T: TableScalar> Controller<'a, T> {
     #[inline]
     pub fn tick(&mut self, measured: &Measurement<T>) -> Command<T> {
         let tick = self.cursor.tick();
-        let mut torque = [T::ZERO; 2];
-        let mut saturation = [Saturation::None; 2];
-        let mut goes_on = true;
-        let mut deviation = Deviation {
-            angle: [T::ZERO; 2],
-            force: T::ZERO,
-            root_moment: T::ZERO,
-            balance: T::ZERO,
-        };
-        if self.fault.is_none() {
+        if self.given.fault.is_none() {
             let gate = Gate {
                 limiter: &self.limiter,
-                previous: self.previous,
+                given: &mut self.given,
+                deviation: &mut self.deviation,
             };
             let counts = &mut self.saturations;
-            let given = match &mut self.feedback {
+            // Each law goes on by itself, so that neither asks for what is the other's.
+            match &mut self.feedback {
                 Feedback::Paper(law, state) => {
                     let setpoint = self.cursor.setpoint();
-                    gate.tick(law, state, &setpoint, measured, counts, &mut deviation)
+                    self.cursor.advance();
+                    gate.tick(law, state, (&setpoint, measured), counts);
                 }
                 Feedback::Hybrid(law, state, motion) => {
-                    let mut setpoint = self.cursor.pose(motion.part());
-                    let mut reading = Reading {
-                        setpoint: &mut setpoint,
-                        measured,
-                        at_end: self.cursor.at_end(),
-                    };
-                    goes_on = motion.tick(law, state, &mut reading, counts);
-                    let given = gate.tick(law, state, &setpoint, measured, counts, &mut deviation);
-                    if !motion.on_plan() {
-                        // The wanted force is not the table's, whose moment is part of its torque,
-                        // and the link is bent by another one than planned.
-                        deviation.balance = T::ZERO;
-                        deviation.angle[1] = T::ZERO;
+                    let read = (measured, &self.cursor);
+                    let (setpoint, goes_on) = motion.tick(law, state, read, counts);
+                    if goes_on {
+                        self.cursor.advance();
                     }
-                    given
+                    gate.tick(law, state, (&setpoint, measured), counts);
                 }
-            };
-            match given {
-                Ok(given) => (torque, saturation) = given,
-                Err(fault) => self.fault = Some(fault),
             }
-        }
-        self.previous = Some(torque);
-        if goes_on {
-            self.cursor.advance();
+        } else {
+            self.go_on_without_torque();
         }
         Command {
-            torque,
+            torque: self.given.torque,
             tick,
-            saturation,
+            saturation: self.given.saturation,
             phase: self.phase(),
-            deviation,
-            fault: self.fault,
+            fault: self.given.fault,
         }
+    }
+
+    /// A tick of a controller with a fault: the table goes on.
+    #[cold]
+    #[inline(never)]
+    fn go_on_without_torque(&mut self) {
+        self.given = Given::none(self.given.fault);
+        self.cursor.advance();
     }
 }

@@ -9,12 +9,14 @@ pub(super) trait FeedbackLaw<T: Scalar> {
     /// What it reads of the plan.
     type Setpoint;
     /// What it remembers.
-    type State;
+    type State: Default;
     /// What it asks for.
     type Demand;
 
     /// True when all that it reads of the measurement is finite.
     fn reads_finite(measured: &Measurement<T>) -> bool;
+    /// False when something that it reads is not finite and need not make a torque so.
+    fn shows_in_torque(measured: &Measurement<T>) -> bool;
     /// The torques for a measurement; steps what is remembered on.
     fn update(
         &self,
@@ -25,12 +27,14 @@ pub(super) trait FeedbackLaw<T: Scalar> {
     ) -> Self::Demand;
     /// The torques asked for, N m.
     fn torque(demand: &Self::Demand) -> [T; 2];
-    /// How far from the plan the measurement was.
-    fn deviation(
+    /// Notes how far from the plan the measurement was: what the law knows of it beside its state,
+    /// of the force the planned one less the measured.
+    fn note(
         demand: &Self::Demand,
         setpoint: &Self::Setpoint,
         measured: &Measurement<T>,
-    ) -> Deviation<T>;
+        deviation: &mut Deviation<T>,
+    );
     /// Takes back what pushed a joint farther into its limit.
     fn anti_windup(
         &self,

@@ -14,12 +14,14 @@
 //!
 //! **Plan.** `m1_d = theta10`, `m2_d = theta20 - theta10 + w'(0)`, and a force along the normal
 //! has the moment arm `s2 = r2 sin(psi - theta20)` about joint 2, psi the normal's direction, all
-//! of the planned motion. The force's share in tau1 is left out: on a given surface joint 1 alone
-//! decides the place, and static force is joint 2's alone.
+//! of the planned motion. The table's cursor makes them of the columns once a segment, so that a
+//! tick takes neither a sine nor sums for them. The force's share in tau1 is left out: on a given
+//! surface joint 1 alone decides the place, and static force is joint 2's alone.
 //!
 //! **Rates** are the errors' differences from tick to tick behind a first-order low-pass (backward
 //! Euler, `a = omega T / (1 + omega T)`); here they are in radians a tick, and the damping a tick
-//! carries the rate. Encoder 2 turns with the torque of motor 2, so that B2 takes energy out
+//! carries the rate. In fixed point such a difference is a small angle, and [`Scalar::fine`] gives
+//! it a format of its own, to [`RATE_MAX_RAD_S`]. Encoder 2 turns with the torque of motor 2, so that B2 takes energy out
 //! whatever the link does.
 //!
 //! **Section.** A second-order filter with frequency w and damping z shapes the loop:
@@ -52,24 +54,28 @@ use serde::{Deserialize, Serialize};
 /// Largest error that joint 1's integral stands for, rad: what fixed point holds.
 const INTEGRAL_MAX_RAD: f64 = 3.0;
 
+/// Largest deviation of a motor's speed from the planned one, rad/s, that fixed point holds at the
+/// least: a damper answers it with more than any limit.
+pub const RATE_MAX_RAD_S: f64 = 60.0;
+
 /// Joint 2's coefficients, of contact or of the air.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "")]
-struct Joint2<T: Scalar> {
+pub(super) struct Joint2<T: Scalar> {
     /// k2.
-    stiffness: T::Gain,
+    pub(super) stiffness: T::Gain,
     /// B2 divided by the control period.
-    damping: T::Gain,
+    pub(super) damping: T::Gain,
     /// K_IF times the control period.
-    force_integral: T::Alpha,
+    pub(super) force_integral: T::Alpha,
     /// K_T times the control period.
-    torque_loop: T::Alpha,
-    /// What the section's states keep of themselves and take of each other.
-    rotation: [T::Alpha; 2],
+    pub(super) torque_loop: T::Alpha,
+    /// What the section's states keep of themselves, and what x takes of y and y of x.
+    pub(super) rotation: [T::Alpha; 3],
     /// w T g.
-    section_angle: [T::Gain; 2],
+    pub(super) section_angle: [T::Gain; 2],
     /// w T h.
-    section_force: [T::Gain; 2],
+    pub(super) section_force: [T::Gain; 2],
     /// What the section's states come to under a lasting error, for each rad of it.
     section_rest: [T::Gain; 2],
 }
@@ -78,16 +84,17 @@ impl<T: SiScalar> Joint2<T> {
     fn new(
         p: &FreeParameters,
         (force_integral_per_s, section_force): (f64, [f64; 2]),
-        rate_hz: f64,
+        (rate_hz, fine): (f64, T::Shift),
         torque: T::Format,
     ) -> Self {
         let section = p.section_frequency_rad_s / rate_hz;
+        let [keeps, takes] = p.rotation(rate_hz);
         Self {
             stiffness: T::angle_gain(p.stiffness_nm_rad, torque),
-            damping: T::angle_gain(p.damping_nms_rad * rate_hz, torque),
+            damping: T::fine_gain(p.damping_nms_rad * rate_hz, fine, torque),
             force_integral: T::alpha(force_integral_per_s / rate_hz),
             torque_loop: T::alpha(p.torque_loop_per_s / rate_hz),
-            rotation: p.rotation(rate_hz).map(T::alpha),
+            rotation: [keeps, takes, -takes].map(T::alpha),
             section_angle: p
                 .section_angle_nm_rad
                 .map(|gain| T::angle_gain(section * gain, torque)),
@@ -102,22 +109,24 @@ impl<T: SiScalar> Joint2<T> {
 #[serde(bound = "")]
 pub struct HybridLaw<T: Scalar> {
     /// Lengths r1 and r2: from a sine to a moment arm.
-    link_length: [T::Gain; 2],
+    pub(super) link_length: [T::Gain; 2],
     /// K1.
-    stiffness: T::Gain,
+    pub(super) stiffness: T::Gain,
     /// B1 divided by the control period.
-    damping: T::Gain,
-    rate_filter: [T::Alpha; 2],
+    pub(super) damping: T::Gain,
+    /// What makes angles of a tick fine.
+    pub(super) fine: T::Shift,
+    pub(super) rate_filter: [T::Alpha; 2],
     /// Ki1 / K1 times the control period: the integral is kept as an angle.
-    place_integral: T::Alpha,
+    pub(super) place_integral: T::Alpha,
     /// Its limit, rad.
     place_integral_limit: T,
     /// Limit of D, N m.
     correction_limit: T,
     /// Joint 2's with the tip on the surface.
-    contact: Joint2<T>,
+    pub(super) contact: Joint2<T>,
     /// Joint 2's with the tip in the air.
-    free: Joint2<T>,
+    pub(super) free: Joint2<T>,
     /// Format change of moment arm (m) times force (N) to joint 1's and joint 2's torque (N m).
     torque: [T::Shift; 2],
     /// What the motion counts with.
@@ -160,6 +169,16 @@ impl<T: Scalar> Default for HybridState<T> {
     }
 }
 
+impl<T: Scalar> HybridState<T> {
+    /// The first tick, at which the errors before are the present ones.
+    #[cold]
+    #[inline(never)]
+    fn begin(&mut self, error: [T; 2]) -> [T; 2] {
+        self.angle_error = Some(error);
+        error
+    }
+}
+
 /// Torques that the hybrid law asks for, before any limit, and what
 /// [`HybridLaw::anti_windup`] wants to know of them.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -168,12 +187,10 @@ pub struct HybridDemand<T: Scalar> {
     pub torque: [T; 2],
     /// s2: joint 2's torque of a unit force along the surface normal, m.
     pub moment_arm: T,
-    /// Errors of the motors' angles, rad.
-    angle_error: [T; 2],
     /// Planned force less the measured one, N.
     force_error: T,
-    /// Its moment about joint 2, phi, N m.
-    force_moment: T,
+    /// Its moment about joint 2, -phi, N m.
+    missing_moment: T,
     /// Root moment that is wanted less the measured one, N m.
     moment_error: T,
     /// Place integral, force integral and torque correction without this tick's steps.
@@ -211,16 +228,19 @@ impl<T: SiScalar> HybridLaw<T> {
         let limit_rad = of_stiffness(p.joint1_integral_limit_nm);
         let in_contact = (p.force_integral_per_s, p.section_force);
         let length = |m: f64| T::gain(m, T::SINE, formats.moment_arm);
+        // The filter sees differences of rates.
+        let fine = T::fine_shift(2.0 * RATE_MAX_RAD_S / rate);
         Self {
             link_length: [length(arm.link1_length_m), length(arm.link2_length_m)],
             stiffness: T::angle_gain(stiffness1, torque1),
-            damping: T::angle_gain(p.joint_damping_nms_rad[0] * rate, torque1),
+            damping: T::fine_gain(p.joint_damping_nms_rad[0] * rate, fine, torque1),
+            fine,
             rate_filter: p.rate_filter_hz.map(|hz| T::alpha(filter_alpha(hz, rate))),
             place_integral: T::alpha(of_stiffness(p.joint1_integral_nm_rads) / rate),
             place_integral_limit: T::from_rad(limit_rad.min(INTEGRAL_MAX_RAD)),
             correction_limit: T::from_si(p.torque_correction_limit_nm, torque2),
-            contact: Joint2::new(&p.contact(), in_contact, rate, torque2),
-            free: Joint2::new(&p.free, (0.0, [0.0; 2]), rate, torque2),
+            contact: Joint2::new(&p.contact(), in_contact, (rate, fine), torque2),
+            free: Joint2::new(&p.free, (0.0, [0.0; 2]), (rate, fine), torque2),
             torque: formats
                 .torque
                 .map(|torque| T::shift(formats.moment_arm, formats.force, torque)),
@@ -253,7 +273,7 @@ impl<T: Scalar> HybridLaw<T> {
         let rate = self.rates(state, error, saturations);
         let tau1 = self.place(state, setpoint.torque[0], error[0], rate[0], saturations);
 
-        let moment_arm = self.moment_arm2(setpoint);
+        let moment_arm = setpoint.moment_arm;
         let force_error = setpoint.force.minus(measured.force, &mut saturations.force);
         let step = force_error.times_alpha(joint2.force_integral);
         state.force_integral =
@@ -265,10 +285,8 @@ impl<T: Scalar> HybridLaw<T> {
             .minus(rate[1].scaled(joint2.damping, count), count)
             .minus(error[1].scaled(joint2.stiffness, count), count)
             .plus(T::of_sum(state.section[0]), count);
-        let phi = moment_arm
-            .times(force_error, self.torque[1], count)
-            .negative();
-        Self::advance_section(joint2, state, error[1], phi, count);
+        let missing = moment_arm.times(force_error, self.torque[1], count);
+        Self::advance_section(joint2, state, error[1], missing, count);
         let moment_error = want.minus(measured.root_moment, count);
         if !state.without_gauge {
             let step = moment_error.times_alpha(joint2.torque_loop);
@@ -280,9 +298,8 @@ impl<T: Scalar> HybridLaw<T> {
         HybridDemand {
             torque: [tau1, want.plus(T::of_sum(state.torque_correction), count)],
             moment_arm,
-            angle_error: error,
             force_error,
-            force_moment: phi,
+            missing_moment: missing,
             moment_error,
             before,
         }
@@ -292,40 +309,28 @@ impl<T: Scalar> HybridLaw<T> {
     #[inline]
     pub(super) fn angle_error(setpoint: &PoseSetpoint<T>, measured: &Measurement<T>) -> [T; 2] {
         let [m1, m2] = measured.motor;
-        let [theta10, theta20] = setpoint.angle;
-        [
-            m1.angle_minus(theta10),
-            m2.angle_minus(theta20.angle_minus(theta10))
-                .angle_minus(setpoint.root_slope),
-        ]
+        let [planned1, planned2] = setpoint.motor;
+        [m1.angle_minus(planned1), m2.angle_minus(planned2)]
     }
 
-    /// s2, m.
-    #[inline]
-    pub(super) fn moment_arm2(&self, setpoint: &PoseSetpoint<T>) -> T {
-        // Its format holds both links' lengths together.
-        let count = &mut T::SaturationCount::default();
-        setpoint
-            .normal_angle
-            .angle_minus(setpoint.angle[1])
-            .sine()
-            .scaled(self.link_length[1], count)
+    /// What makes a sine a moment arm of link 2's end.
+    pub(super) fn link2_length(&self) -> T::Gain {
+        self.link_length[1]
     }
 
-    /// Joint 1's torque of a force (N) along the normal, N m: `s1 = r1 sin(psi - theta10) + s2`
-    /// times it.
+    /// Joint 1's torque of a force (N) along the normal, whose direction is `normal` (rad), N m:
+    /// `s1 = r1 sin(psi - theta10) + s2` times it.
     pub(super) fn force_on_joint1(
         &self,
         setpoint: &PoseSetpoint<T>,
-        force: T,
+        (normal, force): (T, T),
         count: &mut T::SaturationCount,
     ) -> T {
-        let of_link1 = setpoint
-            .normal_angle
-            .angle_minus(setpoint.angle[0])
+        let of_link1 = normal
+            .angle_minus(setpoint.motor[0])
             .sine()
             .scaled(self.link_length[0], count);
-        let moment_arm = of_link1.plus(self.moment_arm2(setpoint), count);
+        let moment_arm = of_link1.plus(setpoint.moment_arm, count);
         moment_arm.times(force, self.torque[0], count)
     }
 
@@ -346,7 +351,7 @@ impl<T: Scalar> HybridLaw<T> {
             &self.contact
         };
         let [_, error] = Self::angle_error(setpoint, measured);
-        let moment_arm = self.moment_arm2(setpoint);
+        let moment_arm = setpoint.moment_arm;
         let held = T::of_sum(state.section[0]).minus(
             error.scaled(joint2.stiffness, &mut saturations.torque[1]),
             &mut saturations.torque[1],
@@ -382,7 +387,7 @@ impl<T: Scalar> HybridLaw<T> {
             *own = T::accumulated(*own, rest.sum(), count);
         }
         let taken = angle.scaled(joint2.stiffness, count).minus(rest[0], count);
-        let moment_arm = self.moment_arm2(setpoint);
+        let moment_arm = setpoint.moment_arm;
         let step = taken.over(moment_arm, self.torque[1], &mut saturations.integral);
         state.force_integral =
             T::accumulated(state.force_integral, step.sum(), &mut saturations.integral);
@@ -399,13 +404,17 @@ impl<T: Scalar> HybridLaw<T> {
         error: [T; 2],
         saturations: &mut SaturationCounts<T::SaturationCount>,
     ) -> [T; 2] {
-        let before = state.angle_error.unwrap_or(error);
-        state.angle_error = Some(error);
+        let before = match &mut state.angle_error {
+            Some(before) => core::mem::replace(before, error),
+            None => state.begin(error),
+        };
         [0, 1].map(|joint| {
             low_pass(
                 &mut state.rate_error[joint],
                 Some(self.rate_filter[joint]),
-                error[joint].angle_minus(before[joint]),
+                error[joint]
+                    .angle_minus(before[joint])
+                    .fine(self.fine, &mut saturations.motor),
                 &mut saturations.motor,
             )
         })
@@ -434,25 +443,26 @@ impl<T: Scalar> HybridLaw<T> {
             .minus(rate.scaled(self.damping, count), count)
     }
 
-    /// The section's next state, from joint 2's error (rad) and the force error's moment (N m).
+    /// The section's next state, from joint 2's error (rad) and the force error's moment about it,
+    /// -phi (N m).
     #[inline]
     fn advance_section(
         joint2: &Joint2<T>,
         state: &mut HybridState<T>,
         error: T,
-        phi: T,
+        missing: T,
         count: &mut T::SaturationCount,
     ) {
-        let [keeps, takes] = joint2.rotation;
+        let [keeps, taken @ ..] = joint2.rotation;
         let [x, y] = state.section.map(T::of_sum);
         let next = |own: T, other: T, i: usize, count: &mut T::SaturationCount| {
-            let turned = T::accumulated(own.times_alpha(keeps), other.times_alpha(takes), count);
+            let turned = T::accumulated(own.times_alpha(keeps), other.times_alpha(taken[i]), count);
             let fed = error
                 .scaled(joint2.section_angle[i], count)
-                .plus(phi.scaled(joint2.section_force[i], count), count);
+                .minus(missing.scaled(joint2.section_force[i], count), count);
             T::accumulated(turned, fed.sum(), count)
         };
-        state.section = [next(x, y, 0, count), next(y, x.negative(), 1, count)];
+        state.section = [next(x, y, 0, count), next(y, x, 1, count)];
     }
 
     /// Tells the law which joints were limited in this tick. Takes the steps back that pushed
@@ -497,6 +507,17 @@ impl<T: Scalar> HybridLaw<T> {
 /// The sum, no farther from zero than `limit`, which is not negative.
 #[inline]
 fn clipped<T: Scalar>(sum: T::Sum, limit: T) -> T::Sum {
+    if T::of_sum(sum).is_within(limit) {
+        sum
+    } else {
+        beyond(sum, limit)
+    }
+}
+
+/// The same of one that may be farther: seldom.
+#[cold]
+#[inline(never)]
+fn beyond<T: Scalar>(sum: T::Sum, limit: T) -> T::Sum {
     let (low, high) = (limit.negative().sum(), limit.sum());
     if sum > high {
         high
@@ -512,10 +533,15 @@ impl<T: Scalar> FeedbackLaw<T> for HybridLaw<T> {
     type State = HybridState<T>;
     type Demand = HybridDemand<T>;
 
-    #[inline]
     fn reads_finite(measured: &Measurement<T>) -> bool {
         let [m1, m2] = measured.motor;
         T::all_finite([m1, m2, measured.root_moment, measured.force])
+    }
+
+    #[inline]
+    fn shows_in_torque(measured: &Measurement<T>) -> bool {
+        // D is within its limit whatever the moment is.
+        T::all_finite([measured.root_moment])
     }
 
     #[inline]
@@ -535,21 +561,19 @@ impl<T: Scalar> FeedbackLaw<T> for HybridLaw<T> {
     }
 
     #[inline]
-    fn deviation(
+    fn note(
         demand: &Self::Demand,
         setpoint: &Self::Setpoint,
         measured: &Measurement<T>,
-    ) -> Deviation<T> {
+        deviation: &mut Deviation<T>,
+    ) {
         let count = &mut T::SaturationCount::default();
-        Deviation {
-            angle: demand.angle_error,
-            force: demand.force_error.negative(),
-            root_moment: demand.moment_error,
-            balance: measured
-                .root_moment
-                .minus(setpoint.torque[1], count)
-                .minus(demand.force_moment, count),
-        }
+        deviation.force = demand.force_error;
+        deviation.root_moment = demand.moment_error;
+        deviation.balance = measured
+            .root_moment
+            .minus(setpoint.torque[1], count)
+            .plus(demand.missing_moment, count);
     }
 
     #[inline]

@@ -6,7 +6,6 @@ use crate::model::ArmParameters;
 use crate::number::SiScalar;
 use crate::number::fixed::{Exponent, Fixed};
 use crate::signals::{Formats, Measurement, PoseSetpoint, Saturation, SaturationCounts};
-use core::f64::consts::FRAC_PI_2;
 use proptest::prelude::*;
 
 const ARM: ArmParameters = ArmParameters::PAPER;
@@ -28,9 +27,8 @@ fn setpoint() -> PoseSetpoint<f64> {
     PoseSetpoint {
         torque: [-3.0, 0.3],
         force: 2.0,
-        angle: [0.95, -0.72],
-        root_slope: 0.17,
-        normal_angle: FRAC_PI_2,
+        motor: [0.95, 0.17 - 0.72 - 0.95],
+        moment_arm: moment_arm(),
     }
 }
 
@@ -38,10 +36,7 @@ fn setpoint() -> PoseSetpoint<f64> {
 fn measured(error: [f64; 2], force: f64, root_moment: f64) -> Measurement<f64> {
     let p = setpoint();
     Measurement {
-        motor: [
-            p.angle[0] + error[0],
-            p.angle[1] - p.angle[0] + p.root_slope + error[1],
-        ],
+        motor: [0, 1].map(|i| p.motor[i] + error[i]),
         force,
         root_moment,
         ..Measurement::default()
@@ -239,7 +234,7 @@ proptest! {
     #[test]
     fn fixed_point_follows(
         ticks in prop::collection::vec(
-            (-2e-3..2e-3_f64, -0.01..0.01_f64, -1.0..4.0_f64, -0.5..1.0_f64), 1..300,
+            (-2e-3..2e-3_f64, -5e-3..5e-3_f64, -1.0..4.0_f64, -0.5..1.0_f64), 1..300,
         ),
     ) {
         let formats = Formats {
@@ -256,9 +251,8 @@ proptest! {
         let planned = PoseSetpoint {
             torque: [0, 1].map(|i| Fixed::from_si(p.torque[i], formats.torque[i])),
             force: Fixed::from_si(p.force, formats.force),
-            angle: p.angle.map(Fixed::from_rad),
-            root_slope: Fixed::from_rad(p.root_slope),
-            normal_angle: Fixed::from_rad(p.normal_angle),
+            motor: p.motor.map(Fixed::from_rad),
+            moment_arm: Fixed::from_si(p.moment_arm, formats.moment_arm),
         };
         let mut counts = SaturationCounts::default();
         for (e1, e2, force, moment) in ticks {
@@ -267,7 +261,7 @@ proptest! {
             let should = update(&exact, &mut b, &m.to_si(&formats)).torque;
             for i in 0..2 {
                 let error = is[i].to_si(formats.torque[i]) - should[i];
-                prop_assert!(error.abs() < [1e-2, 2e-4][i], "torque {i}: {error:e}");
+                prop_assert!(error.abs() < [2e-5, 1e-5][i], "torque {i}: {error:e}");
             }
         }
         prop_assert_eq!(counts.total(), 0);

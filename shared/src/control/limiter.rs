@@ -63,12 +63,10 @@ impl<T: Scalar> TorqueLimiter<T> {
     /// True when [`limit`](Self::limit) would leave `wanted` as it is, short of the limits
     /// themselves: a few comparisons, which nothing passes that is not finite.
     #[inline]
-    pub fn permits(&self, previous: Option<[T; 2]>, wanted: [T; 2]) -> bool {
-        previous.is_some_and(|previous| {
-            (0..2).all(|joint| {
-                let step = wanted[joint].minus(previous[joint], &mut T::SaturationCount::default());
-                wanted[joint].is_within(self.torque[joint]) && step.is_within(self.step[joint])
-            })
+    pub fn permits(&self, previous: [T; 2], wanted: [T; 2]) -> bool {
+        (0..2).all(|joint| {
+            let step = wanted[joint].minus(previous[joint], &mut T::SaturationCount::default());
+            wanted[joint].is_within(self.torque[joint]) && step.is_within(self.step[joint])
         })
     }
 
@@ -141,7 +139,7 @@ mod tests {
                 torque_rate_nm_s: [1e3; 2],
             };
             let limiter = TorqueLimiter::<f32>::new(&limits, 1000);
-            assert!(!limiter.permits(Some([0.0; 2]), [0.1, -0.1]));
+            assert!(!limiter.permits([0.0; 2], [0.1, -0.1]));
             assert_eq!(limiter.limit(None, [0.1, -0.1]).unwrap().0, [0.0; 2]);
             let limits = LimitParameters {
                 torque_nm: [20.0; 2],

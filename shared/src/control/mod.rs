@@ -6,6 +6,7 @@
 //! | `feedback` | what the controller wants of a law |
 //! | `paper` | the paper's law (eq. 18-20) |
 //! | `hybrid` | the hybrid law: joint 1 holds the place, joint 2 makes the force |
+//! | `hybrid_coefficients` | what its coefficients are after rounding |
 //! | `hybrid_parameters` | its gains, as a file gives them |
 //! | `motion` | its course: approach, contact, follow, lost, retract, hold |
 //! | `motion_parameters` | its thresholds, speeds and times |
@@ -17,6 +18,7 @@ mod controller;
 mod feedback;
 mod filter;
 mod hybrid;
+mod hybrid_coefficients;
 mod hybrid_parameters;
 #[cfg(test)]
 mod hybrid_tests;
@@ -30,7 +32,7 @@ mod paper;
 
 pub use controller::{Coefficients, Command, Controller, Mismatch};
 pub use feedback::Coefficient;
-pub use hybrid::{HybridDemand, HybridLaw, HybridState};
+pub use hybrid::{HybridDemand, HybridLaw, HybridState, RATE_MAX_RAD_S};
 pub use hybrid_parameters::{FreeParameters, HybridParameters};
 pub use law::{Law, LawParameters};
 pub use limiter::{LimitParameters, TorqueLimiter};

@@ -49,9 +49,10 @@ use crate::control::filter::low_pass;
 use crate::control::hybrid::{HybridLaw, HybridState};
 use crate::control::motion_parameters::{FULL, LIFT_MOST, LOSSES, PRESSING_STEPS};
 use crate::fault::{Fault, Reaction};
-use crate::number::Scalar;
+use crate::number::{Scalar, TableScalar};
 use crate::phase::Phase;
 use crate::signals::{Measurement, PoseSetpoint, SaturationCounts};
+use crate::table::Cursor;
 
 /// Forces that the motion counts with, N.
 #[derive(Clone, Copy, Debug, Default)]
@@ -100,11 +101,10 @@ enum State<T> {
 }
 
 /// What the law reads at a tick: the setpoint, which the motion changes, and the measurement.
-pub(super) struct Reading<'r, T> {
-    pub(super) setpoint: &'r mut PoseSetpoint<T>,
-    pub(super) measured: &'r Measurement<T>,
-    /// The table stands at its last tick.
-    pub(super) at_end: bool,
+struct Reading<'r, 't, T: TableScalar> {
+    setpoint: &'r mut PoseSetpoint<T>,
+    measured: &'r Measurement<T>,
+    cursor: &'r Cursor<'t, T>,
 }
 
 /// The motion of a run on the hybrid law.
@@ -149,7 +149,7 @@ fn towards<T: Scalar>(value: T, target: T, step: T) -> T {
     }
 }
 
-impl<T: Scalar> Motion<T> {
+impl<T: TableScalar> Motion<T> {
     /// At rest before a table that presses somewhere, or nowhere.
     pub(super) fn new(presses: bool) -> Self {
         Self {
@@ -233,26 +233,28 @@ impl<T: Scalar> Motion<T> {
         }
     }
 
-    /// Part of a tick, in units of 2^-16, by which the setpoint is beyond the cursor's tick.
-    pub(super) fn part(&self) -> u32 {
-        self.part
-    }
-
-    /// One tick: changes what the law is to read. True when the table goes on by a tick.
+    /// One tick: what the law is to read, and whether the table goes on by a tick.
     #[inline]
     pub(super) fn tick(
         &mut self,
         law: &HybridLaw<T>,
         memory: &mut HybridState<T>,
-        reading: &mut Reading<'_, T>,
+        (measured, cursor): (&Measurement<T>, &Cursor<'_, T>),
         saturations: &mut SaturationCounts<T::SaturationCount>,
-    ) -> bool {
-        let slope = &mut reading.setpoint.root_slope;
-        *slope = slope.angle_minus(self.offset.negative());
-        if self.plain && reading.measured.force > self.forces.off && !reading.at_end {
-            return true;
+    ) -> (PoseSetpoint<T>, bool) {
+        if self.plain && measured.force > self.forces.off && !cursor.at_end() {
+            return (self.counted(cursor.pose(0)), true);
         }
-        self.step(law, memory, reading, saturations)
+        // In registers above, in memory below.
+        self.step(law, memory, (measured, cursor), saturations)
+    }
+
+    /// The planned pose with joint 2's angle counted from where it is to stand.
+    #[inline]
+    fn counted(&self, mut planned: PoseSetpoint<T>) -> PoseSetpoint<T> {
+        let [_, motor2] = &mut planned.motor;
+        *motor2 = motor2.angle_minus(self.offset.negative());
+        planned
     }
 
     /// A tick that is not like the one before.
@@ -262,9 +264,15 @@ impl<T: Scalar> Motion<T> {
         &mut self,
         law: &HybridLaw<T>,
         memory: &mut HybridState<T>,
-        reading: &mut Reading<'_, T>,
+        (measured, cursor): (&Measurement<T>, &Cursor<'_, T>),
         saturations: &mut SaturationCounts<T::SaturationCount>,
-    ) -> bool {
+    ) -> (PoseSetpoint<T>, bool) {
+        let mut setpoint = self.counted(cursor.pose(self.part));
+        let reading = &mut Reading {
+            setpoint: &mut setpoint,
+            measured,
+            cursor,
+        };
         let planned = reading.setpoint.force;
         self.judge(law, reading);
         if let State::Start = self.state {
@@ -273,7 +281,7 @@ impl<T: Scalar> Motion<T> {
         match self.state {
             State::Start | State::Hold => {}
             State::Free => {
-                if reading.at_end {
+                if reading.cursor.at_end() {
                     self.state = State::Hold;
                 }
             }
@@ -285,11 +293,12 @@ impl<T: Scalar> Motion<T> {
         }
         self.choose_gains(law, memory, reading, saturations);
         self.want(law, reading, planned, saturations);
-        self.go_on(law, reading)
+        let goes_on = self.go_on(law, reading);
+        (setpoint, goes_on)
     }
 
     /// Whether this tick's force is contact, or none.
-    fn judge(&mut self, law: &HybridLaw<T>, reading: &Reading<'_, T>) {
+    fn judge(&mut self, law: &HybridLaw<T>, reading: &Reading<'_, '_, T>) {
         let count = &mut T::SaturationCount::default();
         low_pass(
             &mut self.judged,
@@ -304,7 +313,7 @@ impl<T: Scalar> Motion<T> {
         &mut self,
         law: &HybridLaw<T>,
         memory: &mut HybridState<T>,
-        reading: &mut Reading<'_, T>,
+        reading: &mut Reading<'_, '_, T>,
     ) {
         let (force, planned) = (reading.measured.force, reading.setpoint.force);
         let count = &mut T::SaturationCount::default();
@@ -335,14 +344,14 @@ impl<T: Scalar> Motion<T> {
     }
 
     /// Counts joint 2's angle from `error` (rad) farther on.
-    fn turn(&mut self, reading: &mut Reading<'_, T>, error: T) {
+    fn turn(&mut self, reading: &mut Reading<'_, '_, T>, error: T) {
         let back = error.negative();
         self.offset = self.offset.angle_minus(back);
-        let slope = &mut reading.setpoint.root_slope;
-        *slope = slope.angle_minus(back);
+        let [_, planned] = &mut reading.setpoint.motor;
+        *planned = planned.angle_minus(back);
     }
 
-    fn approaching(&self, law: &HybridLaw<T>, reading: &Reading<'_, T>) -> State<T> {
+    fn approaching(&self, law: &HybridLaw<T>, reading: &Reading<'_, '_, T>) -> State<T> {
         State::Approach {
             turn: self.turn_of(law, reading, law.motion.approach_turn),
             left: law.motion.approach_ticks,
@@ -351,17 +360,16 @@ impl<T: Scalar> Motion<T> {
     }
 
     /// The angle that joint 2 turns for a way of the tip along the normal, rad.
-    fn turn_of(&self, law: &HybridLaw<T>, reading: &Reading<'_, T>, way: T) -> T {
-        let moment_arm = law.moment_arm2(reading.setpoint);
+    fn turn_of(&self, law: &HybridLaw<T>, reading: &Reading<'_, '_, T>, way: T) -> T {
         way.over(
-            moment_arm,
+            reading.setpoint.moment_arm,
             law.motion.turn,
             &mut T::SaturationCount::default(),
         )
     }
 
     /// Takes the wanted force, and the law's own, to where nothing presses.
-    fn unload(&mut self, memory: &mut HybridState<T>, reading: &Reading<'_, T>) -> bool {
+    fn unload(&mut self, memory: &mut HybridState<T>, reading: &Reading<'_, '_, T>) -> bool {
         let step = self.forces.step;
         let gone = reading.setpoint.force.negative();
         let integral = towards(T::of_sum(memory.force_integral), gone, step);
@@ -374,7 +382,7 @@ impl<T: Scalar> Motion<T> {
         &mut self,
         law: &HybridLaw<T>,
         memory: &mut HybridState<T>,
-        reading: &mut Reading<'_, T>,
+        reading: &mut Reading<'_, '_, T>,
     ) {
         let State::Approach {
             turn,
@@ -417,7 +425,7 @@ impl<T: Scalar> Motion<T> {
         &mut self,
         law: &HybridLaw<T>,
         memory: &mut HybridState<T>,
-        reading: &mut Reading<'_, T>,
+        reading: &mut Reading<'_, '_, T>,
         saturations: &mut SaturationCounts<T::SaturationCount>,
     ) {
         let planned = reading.setpoint.force;
@@ -455,8 +463,8 @@ impl<T: Scalar> Motion<T> {
             let touched = core::mem::take(&mut self.offset);
             if touched != T::ZERO {
                 law.recount(memory, (reading.setpoint, touched), saturations);
-                let slope = &mut reading.setpoint.root_slope;
-                *slope = slope.angle_minus(touched);
+                let [_, planned] = &mut reading.setpoint.motor;
+                *planned = planned.angle_minus(touched);
             }
         } else if law.motion.settle_ticks == 0
             || off.is_within(planned.scaled(law.motion.judged_share, count))
@@ -474,14 +482,14 @@ impl<T: Scalar> Motion<T> {
         }
     }
 
-    fn follow(&mut self, law: &HybridLaw<T>, below: u32, reading: &Reading<'_, T>) {
+    fn follow(&mut self, law: &HybridLaw<T>, below: u32, reading: &Reading<'_, '_, T>) {
         let below = self.forces.parted(below, reading.measured.force);
         self.reference = reading.setpoint.force;
         self.share = self.reference.sum();
         self.state = State::Follow { below };
         if below >= law.motion.believed[1] {
             self.lose();
-        } else if reading.at_end {
+        } else if reading.cursor.at_end() {
             self.retract(None);
         }
     }
@@ -495,7 +503,7 @@ impl<T: Scalar> Motion<T> {
         };
     }
 
-    fn lost(&mut self, law: &HybridLaw<T>, reading: &Reading<'_, T>) {
+    fn lost(&mut self, law: &HybridLaw<T>, reading: &Reading<'_, '_, T>) {
         let State::Lost { since, touching } = &mut self.state else {
             return;
         };
@@ -527,7 +535,7 @@ impl<T: Scalar> Motion<T> {
         &mut self,
         law: &HybridLaw<T>,
         memory: &mut HybridState<T>,
-        reading: &mut Reading<'_, T>,
+        reading: &mut Reading<'_, '_, T>,
     ) {
         // A sensor that has failed may be the gauge.
         memory.without_gauge |= self
@@ -571,7 +579,7 @@ impl<T: Scalar> Motion<T> {
         &mut self,
         law: &HybridLaw<T>,
         memory: &mut HybridState<T>,
-        reading: &mut Reading<'_, T>,
+        reading: &mut Reading<'_, '_, T>,
         saturations: &mut SaturationCounts<T::SaturationCount>,
     ) {
         let free = match self.state {
@@ -594,7 +602,7 @@ impl<T: Scalar> Motion<T> {
     fn want(
         &mut self,
         law: &HybridLaw<T>,
-        reading: &mut Reading<'_, T>,
+        reading: &mut Reading<'_, '_, T>,
         planned: T,
         saturations: &mut SaturationCounts<T::SaturationCount>,
     ) {
@@ -614,14 +622,15 @@ impl<T: Scalar> Motion<T> {
         );
         let missing = planned.minus(share, count);
         let count = &mut saturations.torque[0];
-        let without = law.force_on_joint1(reading.setpoint, missing, count);
+        let normal = reading.cursor.normal_angle(self.part);
+        let without = law.force_on_joint1(reading.setpoint, (normal, missing), count);
         let torque = &mut reading.setpoint.torque[0];
         *torque = torque.minus(without, count);
         reading.setpoint.force = self.reference;
     }
 
     /// Whether the table goes on by a tick.
-    fn go_on(&mut self, law: &HybridLaw<T>, reading: &Reading<'_, T>) -> bool {
+    fn go_on(&mut self, law: &HybridLaw<T>, reading: &Reading<'_, '_, T>) -> bool {
         let runs = self.begun
             && !self.paused
             && !matches!(self.state, State::Retract { .. } | State::Hold);
@@ -642,14 +651,14 @@ impl<T: Scalar> Motion<T> {
         if goes {
             self.part -= FULL;
         }
-        if reading.at_end {
+        if reading.cursor.at_end() {
             self.part = 0;
         }
         goes
     }
 }
 
-impl<T: Scalar> State<T> {
+impl<T: TableScalar> State<T> {
     /// In contact, from now on.
     fn contact(law: &HybridLaw<T>) -> Self {
         Self::Contact {

@@ -145,28 +145,28 @@ impl PaperOptions {
         feedforward: true,
     };
 
-    /// (s1, s2), feedforward torques and planned slope rate as these options have them;
-    /// `moment_arm` is that of link 1. A function of its own, or the compiler selects each
-    /// value in every tick.
+    /// s2, feedforward torques and planned slope rate as these options have them, from what they
+    /// are without; `moment_arm` is that of link 1. A function of its own, or the compiler selects
+    /// each value in every tick, and of numbers, or it keeps them in memory.
     #[cold]
     #[inline(never)]
     fn applied<T: Scalar>(
         &self,
-        moment_arm: T,
-        mut force_to_torque: [T; 2],
-        mut feedforward: [T; 2],
-        mut slope_rate: T,
-    ) -> ([T; 2], [T; 2], T) {
-        if self.projection == ForceProjection::AsPrinted {
-            force_to_torque[1] = moment_arm;
-        }
-        if !self.feedforward {
-            feedforward = [T::ZERO; 2];
-        }
-        if self.slope_rate_feedback == SlopeRateFeedback::AsPrinted {
-            slope_rate = T::ZERO;
-        }
-        (force_to_torque, feedforward, slope_rate)
+        (moment_arm, s2): (T, T),
+        (torque1, torque2): (T, T),
+        slope_rate: T,
+    ) -> [T; 4] {
+        let or_none = |value, kept| if kept { value } else { T::ZERO };
+        let printed = self.projection == ForceProjection::AsPrinted;
+        [
+            if printed { moment_arm } else { s2 },
+            or_none(torque1, self.feedforward),
+            or_none(torque2, self.feedforward),
+            or_none(
+                slope_rate,
+                self.slope_rate_feedback == SlopeRateFeedback::Deviation,
+            ),
+        ]
     }
 }
 
@@ -203,6 +203,8 @@ pub struct PaperDemand<T: Scalar> {
     pub torque: [T; 2],
     /// (s1, s2): joint torques of a unit force along the surface normal, J^T n, m.
     pub force_to_torque: [T; 2],
+    /// Planned force less the measured one, N.
+    pub force_error: T,
     /// What this tick added to the integral, N.
     pub integral_step: T::Sum,
     /// The integral without it, N.
@@ -354,8 +356,11 @@ impl<T: Scalar> PaperLaw<T> {
         let mut force_to_torque = [arm1.plus_in_range(arm2), arm2];
         let (mut feedforward, mut planned_rate) = (setpoint.torque, setpoint.root_slope_rate);
         if let Some(options) = &self.options {
-            (force_to_torque, feedforward, planned_rate) =
-                options.applied(arm1, force_to_torque, feedforward, planned_rate);
+            let [torque1, torque2] = feedforward;
+            let applied = options.applied((arm1, arm2), (torque1, torque2), planned_rate);
+            force_to_torque[1] = applied[0];
+            feedforward = [applied[1], applied[2]];
+            planned_rate = applied[3];
         }
 
         let slope_rate = measured
@@ -380,6 +385,7 @@ impl<T: Scalar> PaperLaw<T> {
         PaperDemand {
             torque: [tau1, tau2],
             force_to_torque,
+            force_error,
             integral_step,
             integral_before,
         }
@@ -419,15 +425,19 @@ impl<T: Scalar> FeedbackLaw<T> for PaperLaw<T> {
     type State = PaperState<T::Sum>;
     type Demand = PaperDemand<T>;
 
-    #[inline]
     fn reads_finite(measured: &Measurement<T>) -> bool {
         T::all_finite([
             measured.angle[0],
             measured.angle[1],
-            measured.root_slope,
             measured.root_slope_rate,
             measured.force,
         ])
+    }
+
+    #[inline]
+    fn shows_in_torque(measured: &Measurement<T>) -> bool {
+        // A sine is within 1 whatever the angle is.
+        T::all_finite(measured.angle)
     }
 
     #[inline]
@@ -447,18 +457,13 @@ impl<T: Scalar> FeedbackLaw<T> for PaperLaw<T> {
     }
 
     #[inline]
-    fn deviation(
-        _: &Self::Demand,
-        setpoint: &Self::Setpoint,
-        measured: &Measurement<T>,
-    ) -> Deviation<T> {
-        let count = &mut T::SaturationCount::default();
-        Deviation {
-            angle: [T::ZERO; 2],
-            force: measured.force.minus(setpoint.force, count),
-            root_moment: T::ZERO,
-            balance: T::ZERO,
-        }
+    fn note(
+        demand: &Self::Demand,
+        _: &Self::Setpoint,
+        _: &Measurement<T>,
+        deviation: &mut Deviation<T>,
+    ) {
+        deviation.force = demand.force_error;
     }
 
     #[inline]

@@ -194,6 +194,16 @@ const SUM_POINT: u32 = 31;
 /// A sum's end of range in its upper word: there its number is at the end of its own.
 const SUM_TOP: i32 = 1 << 30;
 
+/// The end of the range that is nearest to a sum beyond it. Few sums are: out of line, the others
+/// take an addition and a branch to see that they are not.
+#[cold]
+#[inline(never)]
+fn held_sum(sum: i64, count: &mut u32) -> i64 {
+    count_saturation(count);
+    let end = i64::from(SUM_TOP) << 32;
+    if sum < 0 { -end } else { end - 1 }
+}
+
 impl Scalar for Fixed {
     type Gain = ShiftedGain;
     type Alpha = i32;
@@ -202,6 +212,7 @@ impl Scalar for Fixed {
     type SaturationCount = u32;
 
     const ZERO: Self = of(0);
+    const UNKNOWN: Self = of(i32::MIN);
 
     #[inline]
     fn constant(constant: Constant) -> Self {
@@ -294,15 +305,12 @@ impl Scalar for Fixed {
         // Both are at most 2^62 in magnitude, and one of them less.
         debug_assert!(sum.checked_add(more).is_some());
         let sum = sum.wrapping_add(more);
+        // From -SUM_TOP to below SUM_TOP.
         let top = (sum >> 32) as i32;
-        if top >= SUM_TOP {
-            count_saturation(count);
-            (i64::from(SUM_TOP) << 32) - 1
-        } else if top < -SUM_TOP {
-            count_saturation(count);
-            -(i64::from(SUM_TOP) << 32)
-        } else {
+        if top.wrapping_add(SUM_TOP) >= 0 {
             sum
+        } else {
+            held_sum(sum, count)
         }
     }
 
@@ -322,6 +330,16 @@ impl Scalar for Fixed {
         } else {
             angle
         }))
+    }
+
+    #[inline]
+    fn fine(self, shift: u8, count: &mut u32) -> Self {
+        shifted(bits(self), shift, count)
+    }
+
+    #[inline]
+    fn is_known(self) -> bool {
+        bits(self) != i32::MIN
     }
 
     #[inline]
@@ -365,12 +383,29 @@ impl SiScalar for Fixed {
         ShiftedGain::new(value * core::f64::consts::PI / to.range())
     }
 
+    fn fine_shift(largest: f64) -> u8 {
+        let turned = Exponent::holding(largest / core::f64::consts::PI);
+        (-i32::from(turned.0)).clamp(0, 30) as u8
+    }
+
+    fn fine_gain(value: f64, shift: u8, to: Exponent) -> ShiftedGain {
+        Self::angle_gain(libm::ldexp(value, -i32::from(shift)), to)
+    }
+
+    fn fine_gain_value(gain: ShiftedGain, shift: u8, to: Exponent) -> f64 {
+        libm::ldexp(Self::angle_gain_value(gain, to), i32::from(shift))
+    }
+
+    fn angle_gain_value(gain: ShiftedGain, to: Exponent) -> f64 {
+        gain.ratio() * to.range() / core::f64::consts::PI
+    }
+
     fn gain_value(gain: ShiftedGain, from: Exponent, to: Exponent) -> f64 {
         gain.ratio() * to.range() / from.range()
     }
 
     fn alpha(value: f64) -> i32 {
-        (libm::rint(value * 2_147_483_648.0) as i32).max(0)
+        libm::rint(value * 2_147_483_648.0) as i32
     }
 
     fn alpha_value(alpha: i32) -> f64 {
@@ -400,10 +435,16 @@ impl TableScalar for Fixed {
 
     #[inline]
     fn angle_column_scale(scaling: i8) -> Option<ColumnScale> {
+        Self::angle_term_scale(scaling, scaling)
+    }
+
+    #[inline]
+    fn angle_term_scale(scaling: i8, common: i8) -> Option<ColumnScale> {
         // Values are up to 2^30 units of the table, a third of that in half turns.
-        let net = 31 - i32::from(scaling);
+        let net = 31 - i32::from(common);
+        let more = i32::from(scaling) - i32::from(common);
         (net <= 31).then_some(ColumnScale {
-            down: (-net).clamp(0, 31) as u8,
+            down: (more - net.min(0)).clamp(0, 31) as u8,
             up: net.clamp(0, 31) as u8,
             angle: true,
         })

@@ -15,6 +15,7 @@ macro_rules! float {
             type SaturationCount = ();
 
             const ZERO: Self = 0.0;
+            const UNKNOWN: Self = Self::NAN;
 
             #[inline]
             fn constant(constant: Constant) -> Self {
@@ -113,6 +114,16 @@ macro_rules! float {
                 sine::of_radians(Self::from_bits(bits & !(1 << (SIGN - 1))))
             }
 
+            #[inline]
+            fn fine(self, (): (), (): &mut ()) -> Self {
+                self
+            }
+
+            #[inline]
+            fn is_known(self) -> bool {
+                !self.is_nan()
+            }
+
             // Zero times such a value is NaN, and so is the sum: one comparison for all.
             #[inline]
             fn all_finite<const N: usize>(values: [Self; N]) -> bool {
@@ -158,6 +169,20 @@ macro_rules! float {
                 <Self as Real>::from_f64(value)
             }
 
+            fn fine_shift(_: f64) {}
+
+            fn fine_gain(value: f64, (): (), (): ()) -> Self {
+                <Self as Real>::from_f64(value)
+            }
+
+            fn fine_gain_value(gain: Self, (): (), (): ()) -> f64 {
+                <Self as Real>::to_f64(gain)
+            }
+
+            fn angle_gain_value(gain: Self, (): ()) -> f64 {
+                <Self as Real>::to_f64(gain)
+            }
+
             fn gain_value(gain: Self, (): (), (): ()) -> f64 {
                 <Self as Real>::to_f64(gain)
             }
@@ -187,6 +212,11 @@ macro_rules! float {
 
             #[inline]
             fn angle_column_scale(scaling: i8) -> Option<Self> {
+                Self::column_scale(scaling, ())
+            }
+
+            #[inline]
+            fn angle_term_scale(scaling: i8, _: i8) -> Option<Self> {
                 Self::column_scale(scaling, ())
             }
 

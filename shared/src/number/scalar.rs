@@ -25,6 +25,7 @@
 //! | `a.times(b, shift, count)` | product | product of two signals in a third one's format; saturates and counts |
 //! | `a.times_in_range::<UP>(b)` | product | product with known formats |
 //! | `a.angle_minus(b)` | difference | wraps, as angles do |
+//! | `a.fine(shift, count)` | the angle | the same in a finer format, in which a large one saturates and counts |
 //! | `a.scaled(gain, count)` | product with a constant | the same with a change of format; saturates and counts |
 //! | `sum` = [`Scalar::Sum`] | the type itself | 64 bits: constants times signals are added up without rounding |
 
@@ -74,7 +75,7 @@ pub trait Scalar:
 {
     /// Constant factor that takes a signal of one format into another.
     type Gain: Copy + Debug + PartialEq + Send + Sync + Serialize + DeserializeOwned;
-    /// Coefficient of a filter, from 0 to below 1, for [`times_alpha`](Self::times_alpha).
+    /// Coefficient of a filter, from -1 to below 1, for [`times_alpha`](Self::times_alpha).
     type Alpha: Copy + Debug + PartialEq + Send + Sync + Serialize + DeserializeOwned;
     /// Left shift that brings the product of formats a and b into format c.
     type Shift: Copy + Debug + PartialEq + Send + Sync + Serialize + DeserializeOwned;
@@ -86,6 +87,8 @@ pub trait Scalar:
 
     /// 0.
     const ZERO: Self;
+    /// What no torque is. A step from it is within no limit, or within one that holds back nothing.
+    const UNKNOWN: Self;
 
     /// The constant.
     fn constant(constant: Constant) -> Self;
@@ -141,7 +144,12 @@ pub trait Scalar:
     /// Sine of an angle, in the format [`SiScalar::SINE`]; see [`crate::number::sine`].
     #[must_use]
     fn sine(self) -> Self;
+    /// A small angle in the finer format of [`SiScalar::fine_shift`]: exact, or saturates.
+    #[must_use]
+    fn fine(self, shift: Self::Shift, count: &mut Self::SaturationCount) -> Self;
 
+    /// False for [`UNKNOWN`](Self::UNKNOWN).
+    fn is_known(self) -> bool;
     /// True when none of `values` is NaN or infinite.
     fn all_finite<const N: usize>(values: [Self; N]) -> bool;
     /// True when the magnitude is below a limit, which is not negative; false for NaN and
@@ -186,9 +194,18 @@ pub trait SiScalar: Scalar {
     /// The constant `value`, in the unit of a signal of format `to` a radian, that takes an angle
     /// into that signal.
     fn angle_gain(value: f64, to: Self::Format) -> Self::Gain;
+    /// What makes angles up to `largest` (rad) as fine as their format allows: a shift for
+    /// [`Scalar::fine`].
+    fn fine_shift(largest: f64) -> Self::Shift;
+    /// As [`angle_gain`](Self::angle_gain), for an angle that was made fine by this shift.
+    fn fine_gain(value: f64, shift: Self::Shift, to: Self::Format) -> Self::Gain;
     /// What the gain is after rounding.
     fn gain_value(gain: Self::Gain, from: Self::Format, to: Self::Format) -> f64;
-    /// The filter coefficient nearest to `value`, at least 0 and below 1.
+    /// What a gain on angles is after rounding.
+    fn angle_gain_value(gain: Self::Gain, to: Self::Format) -> f64;
+    /// The same of a gain on fine angles.
+    fn fine_gain_value(gain: Self::Gain, shift: Self::Shift, to: Self::Format) -> f64;
+    /// The filter coefficient nearest to `value`, from -1 to below 1.
     fn alpha(value: f64) -> Self::Alpha;
     /// What the coefficient is after rounding.
     fn alpha_value(alpha: Self::Alpha) -> f64;
@@ -208,6 +225,9 @@ pub trait TableScalar: SiScalar {
     fn column_scale(scaling: i8, format: Self::Format) -> Option<Self::ColumnScale>;
     /// The same for a column of angles, rad.
     fn angle_column_scale(scaling: i8) -> Option<Self::ColumnScale>;
+    /// The same for control points that are to be those of a column with the `common` scaling,
+    /// which is no larger: such control points can be added up.
+    fn angle_term_scale(scaling: i8, common: i8) -> Option<Self::ColumnScale>;
     /// A table's integer, of magnitude up to [`crate::table::RAW_MAX`], as a control point
     /// of the column's spline.
     fn control_point(raw: i32, column_scale: Self::ColumnScale) -> Self;

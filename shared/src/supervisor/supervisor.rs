@@ -8,27 +8,21 @@
 use crate::control::Controller;
 use crate::fault::{Fault, Reaction};
 use crate::link::{Interlocks, Mode, RawSample, Refusal, SensorReport, TickReply};
-use crate::signals::{Deviation, Measurement, Saturation};
+use crate::signals::{Measurement, Saturation};
 use crate::supervisor::board::Board;
 use crate::supervisor::controller_slot::{ControllerSlot, MonitoredController};
 use crate::supervisor::enabling::{EnableInputs, InputHealth, SafetyLimits};
 use crate::supervisor::sensing::{Calibration, Sensing};
 use crate::supervisor::state::State;
 
-/// The controller's tick, its command written into the reply; says how far from the plan the
-/// measurement is. Not inlined, or the compiler makes a copy for each mode.
+/// The controller's tick, its command written into the reply. Not inlined, or the compiler makes a copy for each mode.
 #[inline(never)]
-fn run(
-    controller: &mut Controller<'_, f32>,
-    measured: &Measurement<f32>,
-    result: &mut TickReply,
-) -> Deviation<f32> {
+fn run(controller: &mut Controller<'_, f32>, measured: &Measurement<f32>, result: &mut TickReply) {
     let command = controller.tick(measured);
     result.tick = command.tick;
     result.torque = command.torque;
     result.saturation = command.saturation;
     result.fault = command.fault;
-    command.deviation
 }
 
 /// Carries out the reaction to a fault: off in this tick, anything else from the next one on.
@@ -233,7 +227,8 @@ impl<'a> Supervisor<'a> {
                         react(placed, fault, &mut self.outbox);
                     }
                     let measured = self.sensing.measurement();
-                    let deviation = run(&mut placed.controller, &measured, &mut self.outbox);
+                    run(&mut placed.controller, &measured, &mut self.outbox);
+                    let deviation = placed.controller.deviation();
                     if let Some(fault) = placed.monitors.tick(&self.sensing, &deviation) {
                         react(placed, fault, &mut self.outbox);
                     }

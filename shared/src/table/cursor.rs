@@ -26,10 +26,30 @@ pub struct Cursor<'a, T: TableScalar> {
     phase: u32,
     /// One such unit.
     phase_unit: T::Reciprocal,
-    /// Whether the law reads the pose, and not the root slope's rate.
-    pose: bool,
-    /// The columns that the law reads, in the current segment.
-    segment: Reference<Cubic<T>>,
+    /// What a law that reads the pose wants beside the columns.
+    pose: Option<PoseScale<T>>,
+    /// What the law reads, in the current segment.
+    segment: Segment<T>,
+}
+
+/// How a pose is made of the columns.
+#[derive(Clone, Copy, Debug)]
+struct PoseScale<T: TableScalar> {
+    /// Of theta10, theta20 and the root slope, as terms of motor 2's angle.
+    terms: [T::ColumnScale; 3],
+    /// Link 2's length: from a sine to a moment arm.
+    link2_length: T::Gain,
+}
+
+/// What a law reads of the plan, in one segment.
+#[derive(Clone, Copy, Debug, Default)]
+struct Segment<T> {
+    torque: [Cubic<T>; 2],
+    force: Cubic<T>,
+    /// Of a pose the angles of the motors; else root slope rate and normal angle.
+    own: [Cubic<T>; 2],
+    /// Of a pose the moment arm at the segment's begin, and by how much it grows to its end.
+    moment_arm: [T; 2],
 }
 
 impl<'a> Table<'a> {
@@ -62,10 +82,18 @@ impl<'a> Table<'a> {
             root_slope_rate: of(6, formats.slope_rate)?,
             normal_angle: angle(7)?,
         };
-        let column_scale = column_scale.columns();
-        // For a law that wants it as an angle: see `Cursor::with_pose`.
-        angle(COLUMN.root_slope)?;
-        Ok(self.cursor_with(column_scale))
+        self.terms::<T>().ok_or(COLUMN.root_slope)?;
+        Ok(self.cursor_with(column_scale.columns()))
+    }
+
+    /// Scales of theta10, theta20 and the root slope as terms of motor 2's angle, if it fits.
+    fn terms<T: TableScalar>(&self) -> Option<[T::ColumnScale; 3]> {
+        let [theta10, theta20] = COLUMN.angle;
+        let scaling = [theta10, theta20, COLUMN.root_slope].map(|i| self.header.scaling[i]);
+        // Two bits for the sum of three.
+        let common = scaling[0].min(scaling[1]).min(scaling[2]).saturating_sub(2);
+        let [a, b, c] = scaling.map(|scaling| T::angle_term_scale(scaling, common));
+        Some([a?, b?, c?])
     }
 
     fn cursor_with<T: TableScalar>(
@@ -85,8 +113,8 @@ impl<'a> Table<'a> {
             segments_left: 0,
             phase: 0,
             phase_unit: T::reciprocal_of(1),
-            pose: false,
-            segment: Reference::default(),
+            pose: None,
+            segment: Segment::default(),
         };
         cursor.restart(self);
         cursor
@@ -104,14 +132,14 @@ impl<'a, T: TableScalar> Cursor<'a, T> {
     }
 
     /// The same, to be asked for [`pose`](Self::pose) instead of [`setpoint`](Self::setpoint);
-    /// `table` is the one that it was made from. The root slope is an angle from now on.
+    /// `table` is the one that it was made from, and `link2_length` makes moment arms of sines.
     #[must_use]
-    pub fn with_pose(mut self, table: &Table<'a>) -> Self {
-        self.pose = true;
-        // There is none but where cursor_in() has refused the table.
-        if let Some(scale) = T::angle_column_scale(table.header.scaling[COLUMN.root_slope]) {
-            self.column_scale[COLUMN.root_slope] = scale;
-        }
+    pub fn with_pose(mut self, table: &Table<'a>, link2_length: T::Gain) -> Self {
+        self.pose = Some(PoseScale {
+            // There are none but where cursor_in() has refused the table.
+            terms: table.terms::<T>().unwrap_or_default(),
+            link2_length,
+        });
         self.restart(table);
         self
     }
@@ -147,12 +175,11 @@ impl<'a, T: TableScalar> Cursor<'a, T> {
             self.segment.torque[0] = cubic(COLUMN.torque[0]);
             self.segment.torque[1] = cubic(COLUMN.torque[1]);
             self.segment.force = cubic(COLUMN.force);
-            self.segment.normal_angle = cubic(COLUMN.normal_angle);
-            if self.pose {
-                self.segment.angle = COLUMN.angle.map(cubic);
-                self.segment.root_slope = cubic(COLUMN.root_slope);
+            if let Some(pose) = &self.pose {
+                self.segment.own = [cubic(COLUMN.angle[0]), pose.motor2(rows)];
+                self.segment.moment_arm = pose.moment_arm(rows, &self.column_scale);
             } else {
-                self.segment.root_slope_rate = cubic(COLUMN.root_slope_rate);
+                self.segment.own = [cubic(COLUMN.root_slope_rate), cubic(COLUMN.normal_angle)];
             }
         }
     }
@@ -215,28 +242,58 @@ impl<'a, T: TableScalar> Cursor<'a, T> {
         Setpoint {
             torque: [0, 1].map(|i| self.value(&segment.torque[i], COLUMN.torque[i], u)),
             force: self.value(&segment.force, COLUMN.force, u),
-            root_slope_rate: self.value(&segment.root_slope_rate, COLUMN.root_slope_rate, u),
-            normal_angle: self.value(&segment.normal_angle, COLUMN.normal_angle, u),
+            root_slope_rate: self.value(&segment.own[0], COLUMN.root_slope_rate, u),
+            normal_angle: self.value(&segment.own[1], COLUMN.normal_angle, u),
+        }
+    }
+
+    /// Position in the segment `part` of a tick, in units of 2^-16, after the current one.
+    #[inline]
+    fn position(&self, part: u32) -> T {
+        if part == 0 {
+            T::fraction(self.phase, self.phase_unit)
+        } else {
+            self.between(part)
         }
     }
 
     /// What the hybrid control law reads of it, of a cursor [`with_pose`](Self::with_pose), `part`
     /// of a tick, in units of 2^-16, after the current one.
+    ///
+    /// The moment arm is exact at the ends of a segment and goes straight between them: over a
+    /// segment in which link 2 turns by `a` rad it is off by a^2 / 8 of the link at most.
     #[inline]
     pub fn pose(&self, part: u32) -> PoseSetpoint<T> {
-        let u = if part == 0 {
-            T::fraction(self.phase, self.phase_unit)
-        } else {
-            self.between(part)
-        };
+        let u = self.position(part);
         let segment = &self.segment;
+        let [motor1, motor2] = &segment.own;
+        // The terms of motor 2's angle have one scale.
+        let terms = self.pose.as_ref().map(|pose| pose.terms[0]);
+        let [begin, growth] = segment.moment_arm;
         PoseSetpoint {
             torque: [0, 1].map(|i| self.value(&segment.torque[i], COLUMN.torque[i], u)),
             force: self.value(&segment.force, COLUMN.force, u),
-            angle: [0, 1].map(|i| self.value(&segment.angle[i], COLUMN.angle[i], u)),
-            root_slope: self.value(&segment.root_slope, COLUMN.root_slope, u),
-            normal_angle: self.value(&segment.normal_angle, COLUMN.normal_angle, u),
+            motor: [
+                self.value(motor1, COLUMN.angle[0], u),
+                T::from_spline(motor2.at(u), terms.unwrap_or_default()),
+            ],
+            moment_arm: begin.plus_in_range(growth.times_in_range::<1>(u)),
         }
+    }
+
+    /// Direction of the surface normal where [`pose`](Self::pose) is, rad. Read anew from the
+    /// table: few ticks want it.
+    #[cold]
+    pub(crate) fn normal_angle(&self, part: u32) -> T {
+        let Some(rows) = self.rows.first_chunk() else {
+            return T::ZERO;
+        };
+        let cubic = Cubic::of(
+            rows,
+            COLUMN.normal_angle,
+            self.column_scale[COLUMN.normal_angle],
+        );
+        self.value(&cubic, COLUMN.normal_angle, self.position(part))
     }
 
     /// All of the plan's values at the current tick: what a tick of the controller reads
@@ -253,6 +310,45 @@ impl<'a, T: TableScalar> Cursor<'a, T> {
     }
 }
 
+impl<T: TableScalar> PoseScale<T> {
+    /// Motor 2's angle, `theta20 - theta10 + w'(0)`, in the segment that begins with these rows.
+    #[inline]
+    fn motor2(&self, rows: &[[u8; ROW_BYTES]; 4]) -> Cubic<T> {
+        let [theta10, theta20] = COLUMN.angle;
+        let points: [[T; 4]; 3] = [0, 1, 2].map(|term| {
+            let column = [theta10, theta20, COLUMN.root_slope][term];
+            Cubic::points(rows, column, self.terms[term])
+        });
+        Cubic::through([0, 1, 2, 3].map(|row| {
+            let [theta10, theta20, slope] = points.map(|of_row| of_row[row]);
+            theta20.minus_in_range(theta10).plus_in_range(slope)
+        }))
+    }
+
+    /// Moment arm, `r2 sin(psi - theta20)`, at the begin of the segment that begins with these
+    /// rows, and by how much it grows to its end.
+    #[inline]
+    fn moment_arm(
+        &self,
+        rows: &[[u8; ROW_BYTES]; 4],
+        column_scale: &[T::ColumnScale; COLUMNS],
+    ) -> [T; 2] {
+        let ends = |column: usize| {
+            let scale = column_scale[column];
+            let points = Cubic::points(rows, column, scale);
+            Cubic::ends(points).map(|end| T::from_spline(end, scale))
+        };
+        let (normal, theta20) = (ends(COLUMN.normal_angle), ends(COLUMN.angle[1]));
+        // Its format holds both links' lengths together.
+        let count = &mut T::SaturationCount::default();
+        let [begin, end] = [0, 1].map(|i| {
+            let sine = normal[i].angle_minus(theta20[i]).sine();
+            sine.scaled(self.link2_length, count)
+        });
+        [begin, end.minus(begin, count)]
+    }
+}
+
 /// A column in one segment: coefficients of 1, u, u^2, u^3.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Cubic<T>([T; 4]);
@@ -261,11 +357,17 @@ impl<T: TableScalar> Cubic<T> {
     /// A column in the segment that begins with the first of these rows.
     #[inline]
     fn of(rows: &[[u8; ROW_BYTES]; 4], column: usize, column_scale: T::ColumnScale) -> Self {
-        Self::through(rows.each_ref().map(|row| {
+        Self::through(Self::points(rows, column, column_scale))
+    }
+
+    /// Its control points.
+    #[inline]
+    fn points(rows: &[[u8; ROW_BYTES]; 4], column: usize, column_scale: T::ColumnScale) -> [T; 4] {
+        rows.each_ref().map(|row| {
             let (words, _) = row.as_chunks::<4>();
             let raw = words.get(column).copied().unwrap_or_default();
             T::control_point(i32::from_le_bytes(raw), column_scale)
-        }))
+        })
     }
 }
 
@@ -289,6 +391,17 @@ impl<T: Scalar> Cubic<T> {
             bend.half(),
             next_sixth.minus_in_range(bend_sixth),
         ])
+    }
+
+    /// Values at 0 and 1 of the segment with these control points.
+    #[inline]
+    fn ends([a, b, c, d]: [T; 4]) -> [T; 2] {
+        let sixth = T::constant(const { Constant::new(1.0 / 6.0, 0) });
+        [[a, b, c], [b, c, d]].map(|[before, here, after]| {
+            let steps = [here.minus_in_range(before), after.minus_in_range(here)];
+            let bend = steps[1].minus_in_range(steps[0]);
+            here.plus_in_range(bend.times_in_range::<1>(sixth))
+        })
     }
 
     /// Value at `u` in [0, 1].

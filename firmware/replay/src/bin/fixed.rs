@@ -7,5 +7,8 @@ use flexor::number::fixed::Fixed;
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    flexor_replay::replay::<Fixed>(include_bytes!(concat!(env!("OUT_DIR"), "/fixed.bin")))
+    flexor_replay::replay::<Fixed>([
+        include_bytes!(concat!(env!("OUT_DIR"), "/paper_fixed.bin")),
+        include_bytes!(concat!(env!("OUT_DIR"), "/hybrid_fixed.bin")),
+    ])
 }

@@ -5,5 +5,8 @@
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    flexor_replay::replay::<f32>(include_bytes!(concat!(env!("OUT_DIR"), "/float.bin")))
+    flexor_replay::replay::<f32>([
+        include_bytes!(concat!(env!("OUT_DIR"), "/paper_float.bin")),
+        include_bytes!(concat!(env!("OUT_DIR"), "/hybrid_float.bin")),
+    ])
 }

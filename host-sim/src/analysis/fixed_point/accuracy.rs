@@ -6,14 +6,22 @@
 //!   each with an arm of its own. What differs is the number type and all that follows
 //!   from it.
 //! - **random**: quasi-random measurements over the whole admissible range of each signal,
-//!   one in eight values at an end of it, fed to both controllers alike.
+//!   one in eight values at an end of it, fed to both controllers alike. For the hybrid law they
+//!   are about the plan: motors that are off it by as much as a few tenths of a torque limit answer,
+//!   and forces from none to twice the planned one.
 //! - **adversarial**: every measured value at the ends of its fixed-point format or zero,
 //!   held until the integral is wound up, then flipping from tick to tick (derivative
-//!   spikes); drives that limit; with gains on force, derivative, integral and slope rate.
-//!   In fixed point signals saturate here, so the reference is [`Exact`], which
+//!   spikes); drives that limit; the paper's law with gains on force, derivative, integral and slope
+//!   rate. In fixed point signals saturate here, so the reference is [`Exact`], which
 //!   saturates as they do and rounds nothing.
+//!
+//! **Verdict** ([`Accuracy::excess`]). Fixed point must stay within the bound of
+//! [`super::range::Analysis::run_error`] in all of them; f32, whose sums round at every tick and so
+//! have no useful bound, within [`range::TORQUE_ERROR_SHARE`] of each joint's planned peak in the
+//! first two.
 
 use super::exact::Exact;
+use super::trial::{Trial, adversarial, random};
 use crate::analysis::fixed_point::range;
 use crate::analysis::fixed_point::range::RangeError;
 use crate::planner::plan::Plan;
@@ -21,19 +29,26 @@ use crate::simulation::closed_loop::{Run, RunError, RunOptions, Simulation, Step
 use crate::simulation::start::plant_for;
 use flexor::control::{Coefficients, Controller, LawParameters, LimitParameters, PaperParameters};
 use flexor::number::TableScalar;
-use flexor::number::fixed::{Exponent, Fixed};
-use flexor::signals::{Formats, Measurement, Saturation, SaturationCounts};
+use flexor::number::fixed::Fixed;
+use flexor::phase::Phase;
+use flexor::signals::{Formats, Measurement, SaturationCounts};
 use flexor::table::Table;
 
 /// Errors of a trial's torques.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Errors {
     /// Of both joints' torques together: root of the mean square, N m.
     pub rms_nm: f64,
     /// Largest magnitude, N m.
     pub max_nm: f64,
+    /// The same of each joint, N m.
+    pub joint_max_nm: [f64; 2],
+    /// What each joint's may be, N m; infinite where there is no bound.
+    pub bound_nm: [f64; 2],
     /// SaturationCounts of all signals.
     pub saturations: u32,
+    /// Ticks in which a limit, or a state of the motion, was met by one of the two alone.
+    pub parted: usize,
     /// Ticks.
     pub ticks: usize,
 }
@@ -71,8 +86,8 @@ pub enum AccuracyError {
     Run(#[from] RunError),
 }
 
-/// Random measurements of the second trial.
-pub const RANDOM_TICKS: usize = 100_000;
+/// Share of the ticks in which fixed point may decide otherwise than what it is compared with.
+pub const PARTED_SHARE: f64 = 1e-3;
 
 /// Ticks of the closed loop that [`measure`] runs: the bulk of its work.
 pub fn effort(plan: &Plan) -> u64 {
@@ -89,7 +104,8 @@ pub fn run_fixed(
     options: &RunOptions,
     observe: impl FnMut(&Step<Fixed>),
 ) -> Result<(Run, SaturationCounts<u32>), AccuracyError> {
-    let analysis = range::analyse(plan, image, &options.law, &options.limits)?;
+    let law = options.law.without_settling();
+    let analysis = range::analyse(plan, image, &law, &options.limits)?;
     let table = Table::open(image).map_err(RunError::from)?;
     let controller = Controller::with(&table, &analysis.coefficients).map_err(RunError::from)?;
     let plant = plant_for(plan, &options.plant, options.start).map_err(RunError::from)?;
@@ -112,55 +128,51 @@ pub fn measure(
     let reference = Simulation::<f64>::new(plan, image, options)?.run(|_| progress());
     let single = Simulation::<f32>::new(plan, image, options)?.run(|_| progress());
     let (fixed, saturations) = run_fixed(plan, image, options, |_| progress())?;
-    let (law, limits) = (&options.law, &options.limits);
+    let (law, limits) = (&options.law.without_settling(), &options.limits);
     let analysis = range::analyse(plan, image, law, limits)?;
-    let LawParameters::Paper(paper) = law else {
-        return Err(RangeError::Law { name: law.name() }.into());
-    };
-    let hostile = hostile_law(paper, plan.tick_rate_hz).into();
+    let accepted = [0, 1].map(|i| range::TORQUE_ERROR_SHARE * plan.peaks.torque[i]);
     let mut accuracies = [
         compare("f32", &reference, &single),
         compare("fixed", &reference, &fixed),
     ];
     accuracies[1].closed_loop.saturations = saturations.total();
+    accuracies[0].closed_loop.bound_nm = accepted;
+    accuracies[1].closed_loop.bound_nm = analysis.run_error;
 
     let table = Table::open(image).map_err(RunError::from)?;
-    let range = analysis.admissible();
-    let random = || random_measurements(&range).take(RANDOM_TICKS);
+    let total = SaturationCounts::<u32>::total;
     let single = float_coefficients::<f32>(plan, law, limits);
     let exact = float_coefficients::<f64>(plan, law, limits);
-    accuracies[0].random = side_by_side(&table, &single, &exact, none, random())?;
-    let total = SaturationCounts::<u32>::total;
-    accuracies[1].random = side_by_side(&table, &analysis.coefficients, &exact, total, random())?;
+    let trial = random(plan, law, limits, &analysis);
+    accuracies[0].random =
+        side_by_side(&table, &single, &exact, none, (&trial, true))?.within(accepted);
+    accuracies[1].random = side_by_side(
+        &table,
+        &analysis.coefficients,
+        &exact,
+        total,
+        (&trial, true),
+    )?
+    .within(analysis.run_error);
 
     // The hostile law has formats of its own.
+    let hostile = match law {
+        LawParameters::Paper(paper) => hostile_law(paper, plan.tick_rate_hz).into(),
+        LawParameters::Hybrid(_) => *law,
+    };
     let analysis = range::analyse(plan, image, &hostile, limits)?;
-    let formats = *analysis.formats();
-    let ends = ends(&formats);
     let single = float_coefficients::<f32>(plan, &hostile, limits);
     let exact = float_coefficients::<f64>(plan, &hostile, limits);
-    let adversarial = || adversarial_measurements(&ends);
-    accuracies[0].adversarial = side_by_side(&table, &single, &exact, none, adversarial())?;
+    let trial = adversarial(&hostile, analysis.formats());
+    accuracies[0].adversarial = side_by_side(&table, &single, &exact, none, (&trial, true))?;
     accuracies[0].adversarial_f64 = accuracies[0].adversarial;
     let fixed = &analysis.coefficients;
-    accuracies[1].adversarial_f64 = side_by_side(&table, fixed, &exact, total, adversarial())?;
+    accuracies[1].adversarial_f64 = side_by_side(&table, fixed, &exact, total, (&trial, false))?;
     let (arm, rate) = (&plan.model.arm, plan.tick_rate_hz);
-    let exact = Coefficients::<Exact>::new(arm, &hostile, limits, rate, &formats);
-    accuracies[1].adversarial = side_by_side(&table, fixed, &exact, total, adversarial())?;
+    let exact = Coefficients::<Exact>::new(arm, &hostile, limits, rate, analysis.formats());
+    accuracies[1].adversarial =
+        side_by_side(&table, fixed, &exact, total, (&trial, true))?.within(analysis.run_error);
     Ok(accuracies)
-}
-
-/// The ends of the formats' ranges.
-pub fn ends(formats: &Formats<Exponent>) -> Measurement<f64> {
-    Measurement {
-        angle: [std::f64::consts::PI; 2],
-        root_slope: formats.root_slope.range(),
-        root_slope_rate: formats.slope_rate.range(),
-        force: formats.force.range(),
-        motor: [std::f64::consts::PI; 2],
-        root_moment: formats.torque[1].range(),
-        drive: [Saturation::None; 2],
-    }
 }
 
 fn float_coefficients<T: TableScalar<Format = ()>>(
@@ -218,19 +230,88 @@ fn compare(number: &'static str, reference: &Run, run: &Run) -> Accuracy {
     }
 }
 
+impl Default for Errors {
+    fn default() -> Self {
+        Self {
+            rms_nm: 0.0,
+            max_nm: 0.0,
+            joint_max_nm: [0.0; 2],
+            bound_nm: [f64::INFINITY; 2],
+            saturations: 0,
+            parted: 0,
+            ticks: 0,
+        }
+    }
+}
+
+impl Errors {
+    /// The same, which may be as large as this.
+    fn within(self, bound_nm: [f64; 2]) -> Self {
+        Self { bound_nm, ..self }
+    }
+
+    /// The joints, 1 and 2, whose largest error is above its bound.
+    fn above(&self) -> impl Iterator<Item = usize> + '_ {
+        // Not a number is above, too.
+        let holds = |joint: &usize| self.joint_max_nm[*joint] <= self.bound_nm[*joint];
+        [0, 1].into_iter().filter(move |joint| !holds(joint))
+    }
+}
+
+impl Accuracy {
+    /// The trials by name.
+    pub fn trials(&self) -> [(&'static str, &Errors); 4] {
+        [
+            ("closed loop", &self.closed_loop),
+            ("random", &self.random),
+            ("adversarial", &self.adversarial),
+            ("the same, f64", &self.adversarial_f64),
+        ]
+    }
+
+    /// What is above its bound, in words; nothing where the number type is as exact as stated.
+    pub fn excess(&self) -> Vec<String> {
+        let of_trial = |(trial, errors): (&'static str, &Errors)| {
+            let said = |joint: usize| {
+                let (is, bound) = (errors.joint_max_nm[joint], errors.bound_nm[joint]);
+                let (number, joint) = (self.number, joint + 1);
+                format!(
+                    "{number}, {trial}: torque {joint} is off by {is:.1e} N m, its bound is {bound:.1e}"
+                )
+            };
+            let mut excess: Vec<String> = errors.above().map(said).collect();
+            let (parted, ticks) = (errors.parted, errors.ticks);
+            if errors.bound_nm[0].is_finite() && parted as f64 > PARTED_SHARE * ticks as f64 {
+                let number = self.number;
+                excess.push(format!(
+                    "{number}, {trial}: limits were met otherwise in {parted} of {ticks} ticks, in more than {PARTED_SHARE} of them"
+                ));
+            }
+            excess
+        };
+        self.trials().into_iter().flat_map(of_trial).collect()
+    }
+}
+
 /// Adds up errors.
 #[derive(Default)]
 struct Tally {
     squares: f64,
-    max: f64,
+    max: [f64; 2],
+    parted: usize,
     ticks: usize,
 }
 
 impl Tally {
     fn add(&mut self, error: [f64; 2]) {
-        for error in error {
+        for (error, max) in error.into_iter().zip(&mut self.max) {
             self.squares += error * error;
-            self.max = self.max.max(error.abs());
+            // What is not a number must not get lost.
+            *max = if error.is_nan() {
+                f64::INFINITY
+            } else {
+                max.max(error.abs())
+            };
         }
         self.ticks += 1;
     }
@@ -238,36 +319,56 @@ impl Tally {
     fn errors(&self, saturations: u32) -> Errors {
         Errors {
             rms_nm: (self.squares / (2 * self.ticks).max(1) as f64).sqrt(),
-            max_nm: self.max,
+            max_nm: self.max[0].max(self.max[1]),
+            joint_max_nm: self.max,
             saturations,
+            parted: self.parted,
             ticks: self.ticks,
+            ..Errors::default()
         }
     }
 }
 
-/// Runs two controllers on the same measurements, rounded to `T` first; both start again
-/// at the table's end. Counts what saturates in the first.
+/// Runs two controllers on a trial's measurements, rounded to `T` first; both start again
+/// at the table's end, or where the motion has come to its end. Counts what saturates in the first.
+///
+/// Where a torque is within its rounding of a limit, one of them may be limited and take back what
+/// the other keeps. From there on they differ by that decision and not by their arithmetic: with
+/// `together` they then start again.
 fn side_by_side<T: TableScalar, R: TableScalar>(
     table: &Table,
     coefficients: &Coefficients<T>,
     reference: &Coefficients<R>,
     total: impl Fn(&SaturationCounts<T::SaturationCount>) -> u32,
-    measurements: impl Iterator<Item = Measurement<f64>>,
+    (trial, together): (&Trial, bool),
 ) -> Result<Errors, RunError> {
     let mut controller = Controller::with(table, coefficients)?;
     let mut exact = Controller::with(table, reference)?;
     let (formats, exact_formats) = (&coefficients.formats, &reference.formats);
     let mut tally = Tally::default();
     let mut saturations = 0;
-    for measured in measurements {
-        if controller.at_end() {
+    let mut plan = table.cursor::<f64>();
+    let mut fresh = true;
+    let mut parted = false;
+    for measured in &trial.measurements {
+        let over = controller.at_end() || controller.phase() == Phase::Hold;
+        if (over || parted && together) && !fresh {
             saturations += total(controller.saturations());
             controller.restart();
             exact.restart();
+            plan = table.cursor();
+            fresh = true;
         }
+        let measured = trial.placed(measured, &plan.row(), fresh);
+        fresh = false;
         let rounded = Measurement::<T>::from_si(&measured, formats);
         let same = Measurement::<R>::from_si(&rounded.to_si(formats), exact_formats);
         let (is, should) = (controller.tick(&rounded), exact.tick(&same));
+        while plan.tick() < is.tick {
+            plan.advance();
+        }
+        parted = (is.saturation, is.phase) != (should.saturation, should.phase);
+        tally.parted += usize::from(parted);
         tally.add([0, 1].map(|joint| {
             is.torque[joint].to_si(formats.torque[joint])
                 - should.torque[joint].to_si(exact_formats.torque[joint])
@@ -282,50 +383,45 @@ fn none(_: &SaturationCounts<()>) -> u32 {
     0
 }
 
-/// Measurements over the whole of `range`: a quasi-random sequence (additive, with the
-/// powers of the root of x^6 = x + 1), one value in eight at an end.
-pub fn random_measurements(range: &Measurement<f64>) -> impl Iterator<Item = Measurement<f64>> {
-    const ROOT: f64 = 1.134_724_138_401_519_4;
-    let range = *range;
-    (1_u32..).map(move |i| {
-        let fraction = |k: i32| (f64::from(i) * libm::pow(ROOT, f64::from(-k))).fract();
-        let value = |k: i32, range: f64| match (fraction(k) * 16.0) as u32 {
-            0 => -range,
-            15 => range,
-            _ => range * (fraction(k) - 0.5) / 0.4375,
-        };
-        Measurement {
-            angle: [value(1, range.angle[0]), value(2, range.angle[1])],
-            root_slope: value(3, range.root_slope),
-            root_slope_rate: value(4, range.root_slope_rate),
-            force: value(5, range.force),
-            ..Measurement::default()
-        }
-    })
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-/// Measurements at the ends of `range` and at zero: each combination held for 40 ticks,
-/// then flipped from tick to tick for 10; then the same with drives that limit.
-pub fn adversarial_measurements(
-    range: &Measurement<f64>,
-) -> impl Iterator<Item = Measurement<f64>> {
-    const SIDES: [Saturation; 3] = [Saturation::None, Saturation::Upper, Saturation::Lower];
-    let range = *range;
-    (0..3 * 81 * 50_usize).map(move |i| {
-        let (combination, tick) = (i / 50, i % 50);
-        let flip = if tick >= 40 && tick % 2 == 1 {
-            -1.0
-        } else {
-            1.0
+    #[test]
+    fn what_is_above_its_bound_is_named() {
+        let errors = |second: f64, parted: usize| Errors {
+            joint_max_nm: [1e-3, second],
+            bound_nm: [2e-3, 1e-3],
+            parted,
+            ticks: 1000,
+            ..Errors::default()
         };
-        let side = |digit: u32| flip * ((combination / 3_usize.pow(digit)) % 3) as f64 - flip;
-        Measurement {
-            angle: [side(1) * range.angle[0], side(2) * range.angle[1]],
-            root_slope: side(3) * range.root_slope,
-            root_slope_rate: side(3) * range.root_slope_rate,
-            force: side(0) * range.force,
-            drive: [SIDES[combination / 81], SIDES[(combination / 81) % 2]],
-            ..Measurement::default()
+        let accuracy = |random: Errors| Accuracy {
+            number: "fixed",
+            closed_loop: Errors::default(),
+            force_difference_max_n: 0.0,
+            effective_bits: 0.0,
+            random,
+            adversarial: Errors::default(),
+            adversarial_f64: Errors {
+                joint_max_nm: [9.0; 2],
+                ..Errors::default()
+            },
+            trace: vec![],
+        };
+        assert!(accuracy(errors(1e-3, 1)).excess().is_empty());
+        for bad in [2e-3, f64::NAN, f64::INFINITY] {
+            let excess = accuracy(errors(bad, 0)).excess();
+            assert_eq!(excess.len(), 1);
+            assert!(
+                excess[0].starts_with("fixed, random: torque 2 is off by "),
+                "{excess:?}"
+            );
         }
-    })
+        let excess = accuracy(errors(1e-3, 2)).excess();
+        assert!(excess[0].contains("in 2 of 1000 ticks"), "{excess:?}");
+        let mut tally = Tally::default();
+        tally.add([f64::NAN, 1.0]);
+        assert_eq!(tally.errors(0).joint_max_nm, [f64::INFINITY, 1.0]);
+    }
 }

@@ -28,6 +28,7 @@ impl Scalar for Exact {
     type SaturationCount = u32;
 
     const ZERO: Self = Self(0.0);
+    const UNKNOWN: Self = Self(f64::NAN);
 
     fn constant(constant: Constant) -> Self {
         // The exponent is in the bits.
@@ -96,11 +97,21 @@ impl Scalar for Exact {
     }
 
     fn angle_minus(self, other: Self) -> Self {
-        Self(self.0 - other.0)
+        // Wraps where the integers do: from 1, half a turn, to -1.
+        let difference = self.0 - other.0;
+        Self(difference - 2.0 * libm::floor(0.5 * difference + 0.5))
+    }
+
+    fn fine(self, shift: f64, count: &mut u32) -> Self {
+        Self(held(self.0 * shift, count))
     }
 
     fn sine(self) -> Self {
         Self(0.5 * Scalar::sine(PI * self.0))
+    }
+
+    fn is_known(self) -> bool {
+        !self.0.is_nan()
     }
 
     fn all_finite<const N: usize>(values: [Self; N]) -> bool {
@@ -130,6 +141,22 @@ impl SiScalar for Exact {
 
     fn angle_gain(value: f64, to: Exponent) -> f64 {
         value * PI / to.range()
+    }
+
+    fn fine_shift(largest: f64) -> f64 {
+        libm::ldexp(1.0, i32::from(Fixed::fine_shift(largest)))
+    }
+
+    fn fine_gain(value: f64, shift: f64, to: Exponent) -> f64 {
+        Self::angle_gain(value / shift, to)
+    }
+
+    fn fine_gain_value(gain: f64, shift: f64, to: Exponent) -> f64 {
+        shift * Self::angle_gain_value(gain, to)
+    }
+
+    fn angle_gain_value(gain: f64, to: Exponent) -> f64 {
+        gain * to.range() / PI
     }
 
     fn gain_value(gain: f64, from: Exponent, to: Exponent) -> f64 {
@@ -168,6 +195,10 @@ impl TableScalar for Exact {
 
     fn angle_column_scale(scaling: i8) -> Option<f64> {
         Some(libm::ldexp(1.0, -i32::from(scaling)) / PI)
+    }
+
+    fn angle_term_scale(scaling: i8, _: i8) -> Option<f64> {
+        Self::angle_column_scale(scaling)
     }
 
     fn control_point(raw: i32, column_scale: f64) -> Self {

@@ -18,17 +18,23 @@
 //! The force's range is raised further if products of moment arm and force would otherwise not
 //! reach the torque's range.
 //!
+//! The rates of the hybrid law's motors have a format of their own, [`RATE_MAX_RAD_S`] at least; its
+//! states are torques, forces and angles.
+//!
 //! **Error.** [`Analysis::torque_error`] bounds how far a tick's torque is from that of
 //! exact arithmetic with the same saturations, the same table and the same memory
-//! (filters, integral, previous torque); its derivation is in `docs/fixed-point.md`.
+//! (filters, integral, previous torque); [`Analysis::run_error`] how far it is at any tick of the
+//! plan, with a memory of its own. Their derivation is in `docs/fixed-point.md`.
+//!
+//! [`RATE_MAX_RAD_S`]: flexor::control::RATE_MAX_RAD_S
 
+use super::bound::Bound;
+pub use super::signal::Signal;
+use super::signal::{FORCE, ROOT_SLOPE, SLOPE_RATE};
 use crate::planner::plan::Plan;
 use crate::text::{Shortest, four_digits};
-use flexor::control::{
-    Coefficients, Law, LawParameters, LimitParameters, Mismatch, PaperParameters,
-};
-use flexor::number::SiScalar;
-use flexor::number::fixed::{Exponent, Fixed, RADIANS_PER_UNIT};
+use flexor::control::{Coefficient, Coefficients, Law, LawParameters, LimitParameters, Mismatch};
+use flexor::number::fixed::{Exponent, Fixed};
 use flexor::signals::{Formats, Measurement};
 use flexor::table::{Header, Table};
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -40,19 +46,6 @@ pub const TORQUE_ERROR_SHARE: f64 = 1e-3;
 /// Largest accepted rounding of a gain, as a share of it.
 pub const GAIN_ERROR_SHARE: f64 = 1e-3;
 
-/// A signal's range and format.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Signal {
-    /// Its name, as in [`flexor::signals::SaturationCounts::entries`] where it is there.
-    pub name: &'static str,
-    /// Its unit.
-    pub unit: &'static str,
-    /// Largest admissible magnitude.
-    pub admissible: f64,
-    /// The format.
-    pub exponent: Exponent,
-}
-
 /// What fixed point needs for an arm, a task, gains and limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Analysis {
@@ -62,6 +55,8 @@ pub struct Analysis {
     pub coefficients: Coefficients<Fixed>,
     /// Bound of each joint's torque error in one tick, N m.
     pub torque_error: [f64; 2],
+    /// The same at any tick of the plan, with what the law's memory has gathered until then, N m.
+    pub run_error: [f64; 2],
     /// Bound of the force error's error in one tick, N: what the integral may gather.
     pub force_error: f64,
 }
@@ -69,12 +64,6 @@ pub struct Analysis {
 /// Why an arm or task cannot run in fixed point.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RangeError {
-    /// The law has no formats in fixed point.
-    #[error("law = \"{name}\" has no formats in fixed point yet; accepted: \"paper\"")]
-    Law {
-        /// The law's name.
-        name: &'static str,
-    },
     /// A signal's range is too large for its bits.
     #[error(
         "fixed point cannot hold the signal '{signal}': its range of {} {unit} leaves torque {joint} uncertain by {} N m, up to {} is accepted; narrow the torque limits or lower the gains",
@@ -125,12 +114,9 @@ pub fn analyse(
     law: &LawParameters,
     limits: &LimitParameters,
 ) -> Result<Analysis, RangeError> {
-    let LawParameters::Paper(paper) = law else {
-        return Err(RangeError::Law { name: law.name() });
-    };
     let table = Table::open(image).map_err(Mismatch::from)?;
     let header = table.header();
-    let signals = signals(plan, header, paper, limits);
+    let signals = signals(plan, header, law, limits);
     let [torque1, torque2, force, root_slope, slope_rate, moment_arm] = signals.map(|s| s.exponent);
     let formats = Formats {
         torque: [torque1, torque2],
@@ -142,9 +128,15 @@ pub fn analyse(
     let arm = &plan.model.arm;
     let rate = header.tick_rate_hz;
     let coefficients = Coefficients::<Fixed>::new(arm, law, limits, rate, &formats);
-    let rounded = match coefficients.law() {
-        Law::Paper(law) => law.coefficients(paper, arm, rate, &formats),
-        Law::Hybrid(_) => return Err(RangeError::Law { name: law.name() }),
+    let rounded: Vec<Coefficient> = match (coefficients.law(), law) {
+        (Law::Paper(rounded), LawParameters::Paper(law)) => {
+            rounded.coefficients(law, arm, rate, &formats).into()
+        }
+        (Law::Hybrid(rounded), LawParameters::Hybrid(law)) => {
+            rounded.coefficients(law, arm, rate, &formats).collect()
+        }
+        // A law's coefficients are its own.
+        _ => vec![],
     };
     for c in rounded {
         if !((c.is - c.wanted).abs() <= GAIN_ERROR_SHARE * c.wanted.abs()) {
@@ -155,14 +147,13 @@ pub fn analyse(
             });
         }
     }
-    let errors = Errors::new(&signals, header, paper, plan);
-    let torque_error = [0, 1].map(|joint| errors.torque(joint).map(|(_, e)| e).iter().sum());
+    let bound = Bound::new(&signals, header, law, (plan, limits));
+    let torque_error = [0, 1].map(|joint| bound.tick(joint));
     for joint in 0..2 {
         let accepted_nm = TORQUE_ERROR_SHARE * plan.peaks.torque[joint];
         let error_nm = torque_error[joint];
         if !(error_nm <= accepted_nm) {
-            let parts = errors.torque(joint);
-            let (at, _) = parts
+            let (at, _) = bound.parts[joint]
                 .into_iter()
                 .max_by(|a, b| a.1.total_cmp(&b.1))
                 .unwrap_or_default();
@@ -180,21 +171,17 @@ pub fn analyse(
         signals,
         coefficients,
         torque_error,
-        force_error: errors.force,
+        run_error: [0, 1].map(|joint| torque_error[joint] + bound.gathered[joint]),
+        force_error: bound.force,
     })
 }
 
-/// Positions in the list of signals.
-const FORCE: usize = 2;
-const ROOT_SLOPE: usize = 3;
-const SLOPE_RATE: usize = 4;
-const MOMENT_ARM: usize = 5;
-
 /// Range of the root slope rate, rad/s: the plan's and what joint 2's torque, N m, answers.
-fn slope_rate_range(plan: &Plan, law: &PaperParameters, torque2: f64) -> f64 {
+fn slope_rate_range(plan: &Plan, law: &LawParameters, torque2: f64) -> f64 {
     let rates = plan.points.iter().map(|p| p.root_slope_rate.abs());
     let planned = rates.fold(0.0, f64::max);
-    let answered = 2.0 * (torque2 + plan.peaks.torque[1]) / law.slope_rate_nms_rad.abs();
+    let gain = law.paper().map_or(0.0, |law| law.slope_rate_nms_rad);
+    let answered = 2.0 * (torque2 + plan.peaks.torque[1]) / gain.abs();
     planned
         + if answered.is_finite() {
             answered.max(10.0)
@@ -207,7 +194,7 @@ fn slope_rate_range(plan: &Plan, law: &PaperParameters, torque2: f64) -> f64 {
 fn signals(
     plan: &Plan,
     header: &Header,
-    law: &PaperParameters,
+    law: &LawParameters,
     limits: &LimitParameters,
 ) -> [Signal; 6] {
     let arm = &plan.model.arm;
@@ -265,105 +252,6 @@ fn signals(
         ),
         signal("moment_arm", "m", moment_arm, moment_arm_format),
     ]
-}
-
-/// Bounds of a tick's rounding errors, SI.
-struct Errors {
-    /// Of the force error.
-    force: f64,
-    /// Of the force correction.
-    force_correction: f64,
-    /// Of a moment arm.
-    moment_arm: f64,
-    /// Of the deviation of the slope rate.
-    slope_rate: f64,
-    /// Of the planned torques.
-    planned: [f64; 2],
-    /// Of a product's shift.
-    product: [f64; 2],
-    /// Largest force correction and moment arm.
-    largest: [f64; 2],
-    /// K_w.
-    slope_rate_gain: f64,
-}
-
-impl Errors {
-    fn new(signals: &[Signal; 6], header: &Header, law: &PaperParameters, plan: &Plan) -> Self {
-        let unit = |i: usize| signals[i].exponent.unit();
-        let ulp = |e: i32| libm::ldexp(1.0, e);
-        // Splines: 16 units of 2^-28 of what the column's integers can hold, and of the
-        // signal's own where those are coarser.
-        let spline = |column: usize, unit: f64| {
-            let holds = ulp(30 - i32::from(header.scaling[column]));
-            16.0 * (ulp(-28) * holds).max(unit)
-        };
-        // A product with a gain: its mantissa and the rounding, 2^up units of the result.
-        let scaled = |value: f64, from: Exponent, to: Exponent| {
-            let up = Fixed::gain(value, from, to).up();
-            1.5 * ulp(i32::from(up)) * to.unit()
-        };
-        let force_format = signals[FORCE].exponent;
-        let rate = f64::from(header.tick_rate_hz);
-        let force = spline(2, unit(FORCE)) + unit(FORCE);
-        let (derivative, proportional) = (law.force_derivative_s * rate, law.force_proportional);
-        let force_correction = derivative.abs() * (2.0 * force + unit(FORCE))
-            + scaled(derivative, force_format, force_format)
-            + proportional.abs() * (force + unit(FORCE))
-            + scaled(proportional, force_format, force_format)
-            + law.force_integral_per_s / rate * force
-            + unit(FORCE);
-        // Argument: table, the measured angle's unit; then the polynomial.
-        let angle = spline(7, RADIANS_PER_UNIT) + 2.0 * RADIANS_PER_UNIT;
-        let arm = &plan.model.arm;
-        let moment_arm = (arm.link1_length_m + arm.link2_length_m) * (angle + 3e-8)
-            + scaled(
-                arm.link1_length_m,
-                Fixed::SINE,
-                signals[MOMENT_ARM].exponent,
-            )
-            + scaled(
-                arm.link2_length_m,
-                Fixed::SINE,
-                signals[MOMENT_ARM].exponent,
-            );
-        let slope_rate_gain = law.slope_rate_nms_rad.abs();
-        let slope_rate = spline(6, unit(SLOPE_RATE)) + 2.0 * unit(SLOPE_RATE);
-        let torque = [0, 1].map(|i| signals[i].exponent);
-        let own = scaled(slope_rate_gain, signals[SLOPE_RATE].exponent, torque[1]);
-        Self {
-            force,
-            force_correction,
-            moment_arm,
-            slope_rate: slope_rate + own / slope_rate_gain.max(1e-12),
-            planned: [0, 1].map(|i| spline(i, unit(i))),
-            product: torque.map(|to| {
-                let up = Fixed::shift(signals[MOMENT_ARM].exponent, force_format, to);
-                ulp(i32::from(up)) * to.unit()
-            }),
-            largest: [
-                force_format.range(),
-                arm.link1_length_m + arm.link2_length_m,
-            ],
-            slope_rate_gain,
-        }
-    }
-
-    /// A joint's torque error in parts: a signal's position and what it contributes, N m.
-    fn torque(&self, joint: usize) -> [(usize, f64); 5] {
-        let slope_rate = if joint == 1 {
-            self.slope_rate_gain * self.slope_rate
-        } else {
-            0.0
-        };
-        [
-            (joint, self.planned[joint]),
-            (FORCE, self.largest[1] * self.force_correction),
-            // What a moment arm's error does grows with the range of forces.
-            (FORCE, self.largest[0] * self.moment_arm),
-            (FORCE, self.product[joint]),
-            (SLOPE_RATE, slope_rate),
-        ]
-    }
 }
 
 impl Analysis {

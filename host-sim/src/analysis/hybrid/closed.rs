@@ -48,8 +48,10 @@ impl LinearHybrid {
         (free, link1): (bool, bool),
     ) -> Self {
         let law = HybridLaw::<f64>::new(parameters, arm, tick_rate_hz);
-        let respond =
-            |memory: &[f64], measured: [f64; OUTPUTS]| respond(&law, pose, free, memory, measured);
+        let moment_arm = arm.link2_length_m * libm::sin(pose.normal_angle - pose.angle[1]);
+        let respond = |memory: &[f64], measured: [f64; OUTPUTS]| {
+            respond(&law, moment_arm, free, memory, measured)
+        };
         let p = parameters;
         let torque_loop = match free {
             true => p.free.torque_loop_per_s,
@@ -106,10 +108,10 @@ impl LinearHybrid {
     }
 }
 
-/// What the law remembers and asks for after one tick.
+/// What the law remembers and asks for after one tick in which joint 2 has the `moment_arm` (m).
 fn respond(
     law: &HybridLaw<f64>,
-    pose: &LoopPose,
+    moment_arm: f64,
     free: bool,
     memory: &[f64],
     [m1, m2, moment, force]: [f64; OUTPUTS],
@@ -128,9 +130,8 @@ fn respond(
     let setpoint = PoseSetpoint {
         torque: [0.0; 2],
         force: 0.0,
-        angle: [0.0; 2],
-        root_slope: 0.0,
-        normal_angle: pose.normal_angle - pose.angle[1],
+        motor: [0.0; 2],
+        moment_arm,
     };
     let measured = Measurement {
         motor: [m1, m2],
