@@ -263,7 +263,13 @@ fn on_a_fast_path_too_each_fault_is_found() {
 
 #[test]
 fn no_monitor_alarms_on_arms_without_a_fault() {
-    for scenario in ["bench", "bench_fast", "unknown_inertia", "calibrated"] {
+    for scenario in [
+        "bench",
+        "bench_fast",
+        "unknown_inertia",
+        "calibrated",
+        "calibrated_fast",
+    ] {
         let file = example(&format!("scenarios/{scenario}.toml"));
         let bench = OnBench::new(&file, &[]);
         let runs: Vec<u64> = (0..48).collect();

@@ -74,17 +74,38 @@ fn from_above_the_surface_every_arm_finds_it_and_every_stop_is_short() {
     }
 }
 
+/// The force profile of a task comes from a file of its own, and is a part of what a campaign is.
+#[test]
+fn a_campaign_along_another_force_is_another_campaign() {
+    let place = folder("campaign_force");
+    let ramp = std::fs::read_to_string(example("task_force_ramp.toml")).unwrap();
+    let ramp = ramp.replace("profile_m_N", "# profile_m_N");
+    let ramp = ramp.replace("# profile_csv", "profile_csv");
+    let task = place.join("task.toml").display().to_string();
+    std::fs::write(&task, ramp).unwrap();
+    let run = |force: &str| {
+        let way_points = format!("s_m,force_N\n0,1\n0.25,{force}\n0.5,2\n");
+        std::fs::write(place.join("force.csv"), way_points).unwrap();
+        let out = place.join("out");
+        let result = json(&campaign(&out, &["--task", &task, "--runs", "2"]));
+        assert_eq!(result["failed"], 0);
+        let identity = std::fs::read_to_string(out.join("campaign.json")).unwrap();
+        (result["force_max_N"]["max"].as_f64().unwrap(), identity)
+    };
+    let (low, first) = run("2");
+    assert_eq!(run("2"), (low, first.clone()));
+    let (high, other) = run("3");
+    assert!(low < 2.5 && high > 2.8 && high < 3.5, "{low} {high}");
+    assert_ne!(first, other);
+}
+
 #[test]
 fn what_knows_the_papers_law_alone_says_so() {
     let (place, law) = (folder("hybrid_refused"), example("controller.toml"));
     let out = place.join("out").display().to_string();
     for (arguments, words) in [
         (
-            &["gains"][..],
-            "law = \"hybrid\" is not known to `flexor gains` yet",
-        ),
-        (
-            &["demo"],
+            &["demo"][..],
             "law = \"hybrid\" is not known to `flexor demo` yet",
         ),
         (

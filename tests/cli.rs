@@ -350,6 +350,49 @@ fn paths_out_of_reach_and_drives_too_weak_are_named() {
             assert!(message.contains(word), "{message}");
         }
     }
+    // Friction that leaves a force loop little to spare is accepted with a warning, more refused.
+    let rough = |friction: &str| {
+        std::fs::write(&task, format!("{TASK}\n[surface]\nfriction = {friction}\n")).unwrap();
+        flexor(&["plan", "--task", &task, "--out", &results])
+    };
+    let output = rough("0.38");
+    assert!(output.status.success() && output.stderr.is_empty());
+    let output = rough("0.4");
+    let message = text(&output.stderr);
+    assert!(output.status.success(), "{message}");
+    assert_eq!(message.lines().count(), 1, "{message}");
+    for word in [
+        "warning: surface.friction = 0.4 times |c2/s2| = 1.423",
+        "t = 1.2",
+        "2.321 times its gain",
+        "a friction up to 0.3865",
+    ] {
+        assert!(message.contains(word), "{message}");
+    }
+    // The ideal surface has none of it.
+    assert_eq!(rough("0.1").status.code(), Some(0));
+    let output = flexor(&["run", "--ideal", "--task", &task, "--out", &results]);
+    let message = text(&output.stderr);
+    assert!(
+        message.contains("warning: the plan reckons with surface.friction = 0.1"),
+        "{message}"
+    );
+    for (friction, words) in [
+        ("0.71", "below 1, a friction below 0.7027"),
+        (
+            "-0.1",
+            "surface.friction = -0.1; accepted: a friction coefficient from 0 to 10",
+        ),
+        (
+            "\"rough\"",
+            "surface.friction = \"rough\"; accepted: a friction coefficient from 0 to 10",
+        ),
+    ] {
+        let output = rough(friction);
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert!(message.contains(words), "{message}");
+    }
     // More than a plan may hold.
     std::fs::write(
         &task,

@@ -3,6 +3,12 @@
 use super::{flexor, folder, json, refused, text};
 use std::path::Path;
 
+/// A file of the examples.
+fn example(name: &str) -> String {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    root.join("examples").join(name).display().to_string()
+}
+
 /// Without it the light root of `run`'s finer plants bears no such K_w.
 const FILTER: &str = "slope_rate_filter_Hz = 50.0\n";
 
@@ -19,7 +25,18 @@ fn controller(file: &Path, integral: f64, slope_rate: f64, more: &str) -> String
 fn gains_are_judged_in_json_and_in_a_report() {
     let out = folder("gains");
     let path = out.to_str().unwrap();
-    let result = json(&flexor(&["gains", "--json", "--at", "0", "--out", path]));
+    let law = example("controller_paper.toml");
+    let arguments = [
+        "gains",
+        "--controller",
+        &law,
+        "--json",
+        "--at",
+        "0",
+        "--out",
+        path,
+    ];
+    let result = json(&flexor(&arguments));
     assert_eq!(result["stable"], true);
     assert_eq!(result["spread"]["stable"], true);
     assert_eq!(
@@ -160,18 +177,37 @@ fn gains_that_cannot_be_are_refused_by_name() {
             refused(&arguments, 2, &[name, "accepted"]);
         }
     }
+    let law = example("controller_paper.toml");
     refused(
-        &["gains", "--at", "2.5", "--out", path],
+        &["gains", "--controller", &law, "--at", "2.5", "--out", path],
         2,
         &["--at 2.5", "0 to 2 s"],
     );
     refused(
-        &["gains", "--map", "K_IF", "K_IF", "--out", path],
+        &[
+            "gains",
+            "--controller",
+            &law,
+            "--map",
+            "K_IF",
+            "K_IF",
+            "--out",
+            path,
+        ],
         2,
         &["--map K_IF K_IF", "two different gains"],
     );
     refused(
-        &["gains", "tune", "--gain-margin-dB", "-1", "--out", path],
+        &[
+            "gains",
+            "tune",
+            "--controller",
+            &law,
+            "--gain-margin-dB",
+            "-1",
+            "--out",
+            path,
+        ],
         2,
         &["--gain-margin-dB"],
     );
@@ -181,9 +217,12 @@ fn gains_that_cannot_be_are_refused_by_name() {
 fn tuned_gains_are_written_as_a_controller() {
     let out = folder("tune");
     let path = out.to_str().unwrap();
+    let law = example("controller_paper.toml");
     let arguments = [
         "gains",
         "tune",
+        "--controller",
+        &law,
         "--json",
         "--particles",
         "8",
@@ -217,4 +256,135 @@ fn tuned_gains_are_written_as_a_controller() {
         path,
     ]));
     assert_eq!(result["gain_margin_dB"], first["gain_margin_dB"]);
+}
+
+#[test]
+fn gains_of_the_hybrid_law_are_found_proved_and_refused_with_the_number_to_change() {
+    let out = folder("design");
+    let path = out.to_str().unwrap();
+    let range = ["--root-inertia-kgm2", "3e-5", "3e-4"];
+    let design = [&["gains", "design", "--json", "--out", path], &range[..]].concat();
+    let found = json(&flexor(&design));
+    assert_eq!(
+        (&found["stable"], &found["unstable_plants"]),
+        (&true.into(), &0.into())
+    );
+    assert!(found["worst_pole_per_s"][0].as_f64().unwrap() < 0.0);
+    assert!(found["delay_margin_ticks"].as_u64().unwrap() >= 1);
+    assert!(found["gain_up"].as_f64().unwrap() >= 1.2);
+    let file = out.join("controller.toml");
+    let file = file.to_str().unwrap();
+    let elsewhere = folder("design_judged");
+    let elsewhere = elsewhere.to_str().unwrap();
+    let judge = ["gains", "--controller", file, "--json", "--out", elsewhere];
+    let judged = json(&flexor(&[&judge, &range[..]].concat()));
+    assert_eq!(judged["worst_pole_per_s"], found["worst_pole_per_s"]);
+
+    // A hub's gains on a root that may be bare: refused with the range that would do, and run all the
+    // same only where that is asked for.
+    let hub = example("controller_hub.toml");
+    let scenario = example("scenarios/unknown_inertia.toml");
+    for arguments in [
+        vec!["gains", "--controller", &hub],
+        vec!["run", "--controller", &hub],
+        vec![
+            "campaign",
+            "--scenario",
+            &scenario,
+            "--controller",
+            &hub,
+            "--runs",
+            "2",
+        ],
+    ] {
+        let all = [&arguments[..], &["--out", elsewhere]].concat();
+        let output = flexor(&all);
+        let words = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {words}");
+        for word in [
+            "do not hold every arm",
+            "root 0.00e0 kg m^2 grows at +",
+            "1/s",
+        ] {
+            assert!(words.contains(word), "{arguments:?}: no {word} in {words}");
+        }
+    }
+    let words = text(&flexor(&["gains", "--controller", &hub, "--out", elsewhere]).stderr);
+    assert!(
+        words.contains("accepted with these gains: from 1."),
+        "{words}"
+    );
+    let run = [
+        "run",
+        "--controller",
+        &hub,
+        "--unproven",
+        "--out",
+        elsewhere,
+    ];
+    let words = text(&flexor(&run).stderr);
+    assert!(
+        words.contains("warning: these gains do not hold"),
+        "{words}"
+    );
+
+    refused(
+        &[
+            "gains",
+            "--root-inertia-kgm2",
+            "2e-4",
+            "1e-4",
+            "--out",
+            elsewhere,
+        ],
+        2,
+        &["--root-inertia-kgm2 2e-4 1e-4", "accepted"],
+    );
+    refused(
+        &[
+            "gains",
+            "--spread",
+            &example("spread.toml"),
+            "--out",
+            elsewhere,
+        ],
+        2,
+        &["--spread has no effect with the hybrid law"],
+    );
+}
+
+#[test]
+fn an_arm_without_gains_runs_on_gains_of_its_own() {
+    let out = folder("own_gains");
+    let arm = std::fs::read_to_string(example("arm.toml")).unwrap();
+    let file = out.join("arm.toml");
+    let heavy = arm.replacen("mass_kg = 0.24", "mass_kg = 0.4", 1);
+    assert_ne!(heavy, arm);
+    std::fs::write(
+        &file,
+        heavy.replacen(
+            "bending_stiffness_Nm2 = 0.48",
+            "bending_stiffness_Nm2 = 2.0",
+            1,
+        ),
+    )
+    .unwrap();
+    let results = out.join("out");
+    let run = [
+        "run",
+        "--json",
+        "--require-completed",
+        "--set",
+        "root_gauge.measures=\"moment\"",
+        "--arm",
+        file.to_str().unwrap(),
+        "--out",
+        results.to_str().unwrap(),
+    ];
+    let result = json(&flexor(&run));
+    assert_eq!(result["gains_stable"], true);
+    let stiffness = result["gains"]["joint_stiffness_Nm_rad"][1]
+        .as_f64()
+        .unwrap();
+    assert!((stiffness - 1.703).abs() > 0.1, "{stiffness}");
 }

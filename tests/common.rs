@@ -162,7 +162,7 @@ impl OnBench {
         if config.board.is_none() {
             let slopes = plan.points.iter().map(|point| point.root_slope.abs());
             let slope = slopes.fold(0.0, f64::max);
-            let force = plan.task.normal_force;
+            let force = plan.task.normal_force.largest();
             board = board.fitted(plan.peaks.torque, force, slope).0;
         }
         let law = law.expect("gains");

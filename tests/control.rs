@@ -121,7 +121,7 @@ fn a_finer_plant_starts_at_rest() {
         (urdf_arm, short, 5.0, 0.1),
     ] {
         let task = Task {
-            normal_force: force,
+            normal_force: force.into(),
             ..task
         };
         let (plan, table) = planned(&arm, &task);

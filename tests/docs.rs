@@ -122,7 +122,17 @@ fn every_printed_command_does_what_it_says() {
 #[test]
 fn the_examples_gains_are_what_tuning_finds() {
     let folder = folder("docs_tune");
-    let output = flexor(&folder, &["gains", "tune", "--out", "out/gains"]);
+    let output = flexor(
+        &folder,
+        &[
+            "gains",
+            "tune",
+            "--controller",
+            "examples/controller_paper.toml",
+            "--out",
+            "out/gains",
+        ],
+    );
     assert!(output.status.success(), "{output:?}");
     let values = |text: &str| -> BTreeMap<String, String> {
         let pairs = text.lines().filter_map(|line| line.split_once('='));

@@ -7,6 +7,7 @@ use flexor::model::{ArmParameters, Elbow};
 use flexor_sim::planner::path::{LinePath, Profile};
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::task::{Equations, PlanError, Remedy, Task, Window};
+use flexor_sim::planner::tip_force::{ForceProfile, NormalForce, SurfaceFriction};
 use flexor_sim::plant::PlantParameters;
 use flexor_sim::simulation::start::{Start, plant_for};
 use flexor_tests::{RefTable, fast_task, paper_arm, paper_task};
@@ -126,7 +127,7 @@ fn replay(plan: &Plan) -> [f64; 2] {
     let mut worst = [0.0_f64; 2];
     for point in &plan.points {
         let reading = plant.read(point.torque);
-        worst[0] = worst[0].max((reading.force - plan.task.normal_force).abs());
+        worst[0] = worst[0].max((reading.force - point.force.normal).abs());
         let tip = point.tip.position;
         worst[1] = worst[1].max((reading.tip[0] - tip[0]).hypot(reading.tip[1] - tip[1]));
         plant.advance_with(|t| sampler.borrow_mut().at(begin + t).torque);
@@ -384,8 +385,9 @@ proptest! {
                 duration,
                 profile: Profile::Poly11,
             },
-            normal_force: force,
+            normal_force: force.into(),
             direction: None,
+            friction: SurfaceFriction::default(),
             pre_actuation: Window::Fixed(0.2),
             post_actuation: Window::Fixed(0.1),
         };
@@ -410,13 +412,17 @@ fn the_tasks_fingerprint_tells_plans_apart() {
     };
     let (arm, task, options) = (paper_arm(), paper_task(), PlanOptions::default());
     let with = |change: &dyn Fn(&mut Task)| {
-        let mut task = task;
+        let mut task = task.clone();
         change(&mut task);
         of(&arm, &task, &options)
     };
     let up = ArmParameters {
         elbow: Elbow::Up,
         ..arm
+    };
+    let profile = |force: f64| {
+        let way_points = [[0.0, 2.0], [0.5, force]];
+        NormalForce::Along(ForceProfile::new(&way_points, 0.5).unwrap())
     };
     let mut seen = vec![
         of(&arm, &task, &options),
@@ -451,7 +457,14 @@ fn the_tasks_fingerprint_tells_plans_apart() {
         with(&|task| task.path.to[1] -= 1e-12),
         with(&|task| core::mem::swap(&mut task.path.from, &mut task.path.to)),
         with(&|task| task.path.duration -= 1e-12),
-        with(&|task| task.normal_force += 1e-12),
+        with(&|task| task.normal_force = (2.0 + 1e-12).into()),
+        with(&|task| task.friction.coefficient = 0.1),
+        with(&|task| {
+            task.friction.coefficient = 0.1;
+            task.friction.way_m *= 0.5;
+        }),
+        with(&|task| task.normal_force = profile(2.0)),
+        with(&|task| task.normal_force = profile(2.0 + 1e-12)),
         with(&|task| task.direction = Some([0.0, -1.0])),
         with(&|task| task.pre_actuation = Window::Fixed(0.1)),
         with(&|task| task.post_actuation = Window::Fixed(0.1)),
@@ -474,7 +487,7 @@ fn the_tasks_fingerprint_tells_plans_apart() {
     let auto = with(&|task| task.pre_actuation = Window::Auto { tolerance: 1e-6 });
     let derived = Task {
         pre_actuation: Window::Auto { tolerance: 1e-6 },
-        ..task
+        ..task.clone()
     };
     let ticks = plan(&arm, &derived, &options).unwrap().pre_ticks;
     let window = Window::Fixed(f64::from(ticks) / f64::from(options.tick_rate_hz));

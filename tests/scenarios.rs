@@ -1,6 +1,7 @@
 //! The scenarios among the examples, and every fault that a scenario can have.
 
 use flexor_sim::campaign::record::RunFigures;
+use flexor_sim::campaign::statistics::quantile;
 use flexor_sim::files::config::parse_board;
 use flexor_sim::simulation::bench::{self, BenchRow, FaultName, TimedFault};
 use flexor_tests::{OnBench, example};
@@ -140,11 +141,37 @@ fn with_the_hybrid_law_each_completes() {
             );
         }
     }
-    for name in ["bench", "bench_fast", "calibrated", "unknown_inertia"] {
+    for name in ["bench", "bench_fast", "unknown_inertia"] {
         let file = example(&format!("scenarios/{name}.toml"));
         for run in OnBench::new(&file, &[]).runs(1, &[0, 1, 2, 3]) {
             assert!(!run.figures.outcome.failed(), "{name}: {run:?}");
         }
+    }
+}
+
+/// After a calibration, with the friction in the plan: 95th percentiles of the force error's rms, N,
+/// and of the largest error along the surface, mm. Of 500 runs, 0.067 and 2.1, and 0.223 and 2.2;
+/// without the friction in the plan 0.101 N, and 0.278 N.
+#[test]
+fn a_calibrated_arm_keeps_force_and_place() {
+    for (name, force_n, along_mm) in [("calibrated", 0.08, 2.4), ("calibrated_fast", 0.26, 2.6)] {
+        let bench = OnBench::new(&example(&format!("scenarios/{name}.toml")), &[]);
+        let runs = bench.runs(7, &(0..60).collect::<Vec<_>>());
+        let all = |figure: fn(&RunFigures) -> f64| {
+            let mut values: Vec<f64> = runs.iter().map(|run| figure(&run.figures)).collect();
+            values.sort_by(f64::total_cmp);
+            values
+        };
+        assert!(
+            runs.iter().all(|run| !run.figures.outcome.failed()),
+            "{name}"
+        );
+        assert_eq!(all(|run| run.contact_lost_s)[59], 0.0, "{name}");
+        let p95 = |figure| quantile(&all(figure), 0.95).unwrap();
+        let force = p95(|run| run.force_error_rms_n);
+        let along = 1e3 * p95(|run| run.along_error_max_m);
+        assert!(force < force_n, "{name}: {force} N");
+        assert!(along < along_mm, "{name}: {along} mm");
     }
 }
 

@@ -255,7 +255,7 @@ fn grows(plan: &Plan, image: &[u8], law: &PaperParameters, duration: f64) -> boo
     let mut envelope = [0.0_f64; 4];
     for tick in 0..ticks {
         let reading = plant.read(held);
-        let error = (reading.force - plan.task.normal_force).abs();
+        let error = (reading.force - plan.points[0].force.normal).abs();
         // Not >, which passes NaN over.
         if !(error < 1.0) {
             return true;

@@ -7,6 +7,7 @@ use flexor_sim::planner::path::{LinePath, Profile};
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::table_fit::{TORQUE_SHARE, TableFitError, fit_table};
 use flexor_sim::planner::task::{Task, Window};
+use flexor_sim::planner::tip_force::SurfaceFriction;
 use flexor_tests::{paper_arm, paper_task, planned};
 use proptest::prelude::*;
 
@@ -114,8 +115,9 @@ fn along(
             duration,
             profile: Profile::Poly11,
         },
-        normal_force,
+        normal_force: normal_force.into(),
         direction: None,
+        friction: SurfaceFriction::default(),
         pre_actuation: window,
         post_actuation: window,
     }
@@ -302,8 +304,9 @@ prop_compose! {
         };
         let task = Task {
             path: LinePath { from: [0.7, 0.05], to: [to, 0.05], duration, profile: Profile::Poly11 },
-            normal_force: force,
+            normal_force: force.into(),
             direction: None,
+            friction: SurfaceFriction::default(),
             pre_actuation: windows[0],
             post_actuation: windows[1],
         };

@@ -6,6 +6,7 @@ use flexor_sim::planner::path::{LinePath, Profile};
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::table_fit::{EncodedTable, TORQUE_SHARE, fit_table};
 use flexor_sim::planner::task::{Equations, Task, Window};
+use flexor_sim::planner::tip_force::SurfaceFriction;
 use flexor_tests::{paper_arm, paper_task};
 use proptest::prelude::*;
 
@@ -60,10 +61,14 @@ impl Units {
                 duration: self.time * path.duration,
                 ..*path
             },
-            normal_force: self.force() * task.normal_force,
+            normal_force: (self.force() * task.normal_force.largest()).into(),
+            friction: SurfaceFriction {
+                way_m: self.length * task.friction.way_m,
+                ..task.friction
+            },
             pre_actuation: window(task.pre_actuation),
             post_actuation: window(task.post_actuation),
-            ..*task
+            ..task.clone()
         }
     }
 
@@ -152,6 +157,7 @@ prop_compose! {
         windows in prop::array::uniform2(prop_oneof![Just(Window::Fixed(0.0)), Just(AUTO)]),
         duration in 0.2..4.0_f64,
         force in 0.0..5.0_f64,
+        coefficient in prop_oneof![Just(0.0), 0.0..0.5_f64],
         to in 0.15..0.65_f64,
     ) -> (ArmParameters, Task, PlanOptions) {
         let arm = ArmParameters {
@@ -163,8 +169,9 @@ prop_compose! {
         };
         let task = Task {
             path: LinePath { from: [0.7, 0.05], to: [to, 0.05], duration, profile: Profile::Poly11 },
-            normal_force: force,
+            normal_force: force.into(),
             direction: None,
+            friction: SurfaceFriction { coefficient, ..SurfaceFriction::default() },
             pre_actuation: windows[0],
             post_actuation: windows[1],
         };

@@ -123,7 +123,7 @@ fn compliant<T: Lanes>(
         .model(&plan.model.arm, elements)
         .expect("a model");
     let start = parameters
-        .rest(&model, 0.7, plan.task.normal_force)
+        .rest(&model, 0.7, plan.points[0].force.normal)
         .expect("a start");
     let arm = CompliantArm {
         model: &model,

@@ -8,6 +8,7 @@ use flexor_sim::planner::path::{LinePath, Profile};
 use flexor_sim::planner::plan::{PlanOptions, plan};
 use flexor_sim::planner::table_fit;
 use flexor_sim::planner::task::{Task, Window};
+use flexor_sim::planner::tip_force::SurfaceFriction;
 use flexor_sim::plant::PlantParameters;
 use flexor_sim::simulation::closed_loop::{RunOptions, Simulation};
 use flexor_sim::simulation::start::Start;
@@ -22,8 +23,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             duration: 2.0,
             profile: Profile::Poly11,
         },
-        normal_force: 2.0,
+        normal_force: 2.0.into(),
         direction: None,
+        friction: SurfaceFriction::default(),
         pre_actuation: Window::Fixed(0.0),
         post_actuation: Window::Fixed(0.0),
     };

@@ -11,8 +11,10 @@ use crate::files::config::{
 };
 use crate::files::export;
 use crate::planner::plan::Plan;
+use crate::planner::task::Task;
+use crate::planner::tip_force::NormalForce;
 use crate::simulation::bench::{self, BenchArm, BenchBoard, BenchLog, BenchTask, RunFigures};
-use crate::text::four_digits;
+use crate::text::{Shortest, four_digits};
 use clap::Args;
 use flexor::control::LawParameters;
 use flexor::model::ArmParameters;
@@ -44,25 +46,32 @@ pub(super) struct ProofArgs {
 }
 
 impl ProofArgs {
-    /// Refuses gains that do not hold the bench's arms, or says so.
+    /// Refuses gains that do not hold the bench's arms, or says so; what a summary says of them.
     ///
     /// # Errors
     /// [`CliError::Unproven`], [`CliError::Hybrid`].
-    pub(super) fn check(&self, bench: &Bench) -> Result<(), CliError> {
+    pub(super) fn check(&self, bench: &Bench) -> Result<Map<String, Value>, CliError> {
         #[cfg(feature = "tune")]
         if let LawParameters::Hybrid(law) = &bench.law {
             let (plan, scenario) = (&bench.planned.plan, &bench.config.scenario);
-            let refused = super::gains::hybrid::refuse_unproven(plan, scenario, law);
-            return match refused {
+            return match super::gains::hybrid::hold(plan, scenario, law) {
+                Ok((keys, None)) => Ok(keys),
+                Ok((keys, Some(why))) if self.unproven => {
+                    let refusal = CliError::Unproven { why };
+                    say(format_args!("warning: {refusal}"));
+                    Ok(keys)
+                }
+                Ok((_, Some(why))) => Err(CliError::Unproven { why }),
+                // What cannot be examined, as a friction that no gains bear.
                 Err(why) if self.unproven => {
                     say(format_args!("warning: {why}"));
-                    Ok(())
+                    Ok(Map::new())
                 }
-                other => other,
+                Err(why) => Err(why.into()),
             };
         }
         let _ = bench;
-        Ok(())
+        Ok(Map::new())
     }
 }
 
@@ -140,7 +149,12 @@ impl ScenarioArgs {
                 config::DEFAULT_BOARD,
             ),
         ] {
-            inputs.push(input(option, said.as_deref(), text(file, default)?));
+            let mut text = text(file, default)?;
+            if option == "task" {
+                // The file of a force profile decides the runs, too.
+                text.push_str(&profile_text(&task));
+            }
+            inputs.push(input(option, said.as_deref(), text));
         }
         inputs.push(input("controller", asked_gains, law_text));
         inputs.extend(self.values(asked, planned.plan.tick_rate_hz));
@@ -206,7 +220,8 @@ fn board_for(common: &Common, plan: &Plan) -> Result<(BenchBoard, Option<String>
     }
     let slopes = plan.points.iter().map(|point| point.root_slope.abs());
     let slope = slopes.fold(0.0, f64::max);
-    let (board, enlarged) = board.fitted(plan.peaks.torque, plan.task.normal_force, slope);
+    let (board, enlarged) =
+        board.fitted(plan.peaks.torque, plan.task.normal_force.largest(), slope);
     let note = enlarged.then(|| {
         format!(
             "the default board's ranges are too small for this arm; the bench takes drives of {} and {} N m, a force cell of {} N, a gauge of {} rad; --board FILE says what there is",
@@ -226,6 +241,23 @@ fn input(option: &str, said: Option<&Path>, text: String) -> CampaignInput {
         option: option.into(),
         file: said.map_or(String::new(), |file| file.display().to_string()),
         text,
+    }
+}
+
+/// The way-points of a force profile, as a comment in a task's text; nothing where the force is
+/// constant.
+fn profile_text(task: &Task) -> String {
+    match &task.normal_force {
+        NormalForce::Constant(_) => String::new(),
+        NormalForce::Along(profile) => {
+            let points = profile
+                .way_points()
+                .map(|[way, force]| format!("# at {} m: {} N\n", Shortest(way), Shortest(force)));
+            format!(
+                "\n# The force along the path:\n{}",
+                points.collect::<String>()
+            )
+        }
     }
 }
 

@@ -137,7 +137,7 @@ fn only(args: &CampaignArgs, number: u64) -> Result<(), CliError> {
         args.controller.as_deref(),
         config::DEFAULT_CONTROLLER,
     )?;
-    args.proof.check(&bench)?;
+    let proved = args.proof.check(&bench)?;
     let campaign = Campaign {
         task: bench.task(),
         scenario: &bench.config.scenario,
@@ -147,6 +147,7 @@ fn only(args: &CampaignArgs, number: u64) -> Result<(), CliError> {
     let values = bench.config.scenario.spread_keys().zip(&drawn.values);
     let mut facts = vec![("run".to_string(), format!("{number}, seed {}", drawn.seed))];
     let mut keys = export::object([("run", json!(number)), ("seed", json!(drawn.seed))]);
+    keys.extend(proved);
     for (key, value) in values {
         facts.push((key.to_string(), value.to_string()));
         keys.insert(key.to_string(), json!(value));

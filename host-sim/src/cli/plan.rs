@@ -8,6 +8,7 @@ use crate::planner::limits::default_limits;
 use crate::planner::plan::{Plan, PlanOptions, PlanPoint};
 use crate::planner::table_fit::EncodedTable;
 use crate::planner::task::{Equations, Task};
+use crate::planner::tip_force::FRICTION_SHARE_MAX;
 use crate::planner::{plan, table_fit};
 use crate::text::{Shortest, four_digits};
 use clap::Args;
@@ -88,7 +89,25 @@ fn doubts(plan: &Plan, limits: &LimitParameters) -> Vec<String> {
             ));
         }
     }
+    doubts.extend(friction_doubt(plan));
     doubts
+}
+
+/// Whether the friction in the plan takes the force loop's gain where its feedback was not made for.
+fn friction_doubt(plan: &Plan) -> Option<String> {
+    let friction = plan.task.friction.coefficient;
+    let (ratio, t_s) = plan.lever_ratio_max();
+    let share = friction * ratio;
+    (share > FRICTION_SHARE_MAX).then(|| {
+        format!(
+            "surface.friction = {} times |c2/s2| = {} (how steeply link 2 stands on the surface, at t = {t_s:.4} s) is {}: dragged against its slope the tip bites, and the force loop has {} times its gain; up to {FRICTION_SHARE_MAX} is of no concern, a friction up to {}, or a path on which link 2 lies flatter",
+            Shortest(friction),
+            four_digits(ratio),
+            four_digits(share),
+            four_digits(1.0 / (1.0 - share)),
+            four_digits(FRICTION_SHARE_MAX / ratio),
+        )
+    })
 }
 
 /// A task planned and encoded, with how long that took.

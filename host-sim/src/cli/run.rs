@@ -15,6 +15,7 @@ use crate::simulation::cases::Mode;
 use crate::simulation::closed_loop;
 use crate::simulation::closed_loop::{Outcome, Run, RunOptions};
 use crate::simulation::start::Start;
+use crate::text::Shortest;
 use clap::{Args, ValueEnum};
 use flexor::control::LawParameters;
 use flexor::table::Table;
@@ -159,6 +160,12 @@ fn run_ideal(args: &RunArgs) -> Result<(), CliError> {
     if let (true, Some(law)) = (simulation.mode != Mode::Feedforward, options.law.paper()) {
         gains::warn(plan, &options.plant, law);
     }
+    if plan.task.friction.coefficient > 0.0 {
+        say(format_args!(
+            "warning: the plan reckons with surface.friction = {}, and the ideal surface has none; without --ideal a scenario's surface has it (contact.friction)",
+            Shortest(plan.task.friction.coefficient)
+        ));
+    }
     let since = Instant::now();
     let progress = progress_bar(plan.points.len() as u64, "ticks, {eta} left");
     let (run, saturations) = match args.number {
@@ -234,16 +241,15 @@ fn run_on_bench(args: &RunArgs) -> Result<(), CliError> {
     }
     simulation.adjust(&mut setup.plant, &mut Start::default())?;
     let arm = setup.on_bench(plan, 1)?;
-    args.proof.check(&bench)?;
+    let keys = args.proof.check(&bench)?;
     if let LawParameters::Paper(law) = &bench.law
         && law.has_feedback()
     {
         let plant = setup.on_rigid_surface(&plan.model.arm);
         gains::warn(plan, &plant, law);
     }
-    let nothing = (Map::new(), Vec::new());
     let json = simulation.common.json;
-    let figures = bench.run(output, &arm, "Flexor: run", nothing, json)?;
+    let figures = bench.run(output, &arm, "Flexor: run", (keys, Vec::new()), json)?;
     let required = simulation.require_completed;
     judge(figures.outcome, figures.ended_s, required, &args.out)
 }

@@ -312,7 +312,7 @@ mod tests {
         assert_eq!((config.elements, config.limits), (3, None));
         let task = parse_task("task", DEFAULT_TASK).unwrap();
         assert_eq!((task.path.from, task.path.to), ([0.7, 0.05], [0.2, 0.05]));
-        assert_eq!((task.path.duration, task.normal_force), (2.0, 2.0));
+        assert_eq!((task.path.duration, task.normal_force), (2.0, 2.0.into()));
         let law = parse_controller("controller", PAPER_CONTROLLER).unwrap();
         assert_eq!(law.name(), "paper");
         let spread = parse_spread("spread", DEFAULT_SPREAD).unwrap();

@@ -13,7 +13,8 @@ use std::io::{self, Write};
 
 /// Writes a plan as CSV, one row a tick: time, angles, nodal deflections and slopes
 /// (`w0` is the root slope, in the order of [`flexor::model`]), root slope rate,
-/// torques, then rates, tip position and joint powers.
+/// torques, then rates, tip position, joint powers, the normal force and the friction that the plan
+/// counts on.
 ///
 /// # Errors
 /// The writer's.
@@ -35,6 +36,8 @@ pub fn plan_csv(plan: &Plan, writer: impl Write) -> io::Result<()> {
             "x2_m",
             "power1_W",
             "power2_W",
+            "normal_force_N",
+            "friction_N",
         ]
         .map(String::from),
     );
@@ -53,6 +56,7 @@ pub fn plan_csv(plan: &Plan, writer: impl Write) -> io::Result<()> {
         put(&joint.rate);
         put(&point.tip.position);
         put(&power);
+        put(&[point.force.normal, point.force.along]);
         csv.serialize(&row)?;
     }
     csv.flush()

@@ -2,13 +2,12 @@
 //! tip ([`DeflectionEquation`]), as [`collocation`] solves it.
 
 use crate::model::arm_model::{ArmModel, dot};
-use crate::model::configuration::Configuration;
+use crate::model::configuration::{Configuration, Surface};
 use crate::model::dynamics;
 use crate::model::dynamics::{DeflectionEquation, Motion, deflection_equation};
 use crate::planner::collocation;
 use crate::planner::collocation::{CollocationError, Solution};
-use crate::planner::path::LinePath;
-use crate::planner::task::Equations;
+use crate::planner::task::{Equations, Task};
 use nalgebra::{DMatrix, DVector};
 
 /// The planner's boundary-value problem, without units: deflections are shares of link 2's length,
@@ -16,8 +15,8 @@ use nalgebra::{DMatrix, DVector};
 /// units that arm and task are given in.
 pub(super) struct Deflection<'a> {
     model: &'a ArmModel,
-    path: &'a LinePath,
-    force: [f64; 2],
+    task: &'a Task,
+    surface: &'a Surface,
     as_printed: bool,
     mass: DMatrix<f64>,
     /// What one of each unknown is worth: 1 rad, or link 2's length, m.
@@ -28,12 +27,12 @@ pub(super) struct Deflection<'a> {
 }
 
 impl<'a> Deflection<'a> {
-    /// The problem for `path` under `force` (N, inertial axes). `tolerance` is that of the unknowns,
-    /// and of the torques (N m); intervals shorter than `resolution_s` have nothing to resolve.
+    /// The problem for the path and the force of `task` on its `surface`. `tolerance` is that of the
+    /// unknowns, and of the torques (N m); intervals shorter than `resolution_s` have nothing to
+    /// resolve.
     pub(super) fn new(
         model: &'a ArmModel,
-        path: &'a LinePath,
-        force: [f64; 2],
+        (task, surface): (&'a Task, &'a Surface),
         equations: Equations,
         tolerance: [f64; 2],
         resolution_s: f64,
@@ -46,13 +45,13 @@ impl<'a> Deflection<'a> {
         scale_columns(&mut mass, &units, 1.0);
         Self {
             model,
-            path,
-            force,
+            task,
+            surface,
             as_printed: equations == Equations::AsPrinted,
             mass,
             units,
             tolerance,
-            resolution: resolution_s / path.duration,
+            resolution: resolution_s / task.path.duration,
         }
     }
 
@@ -66,7 +65,7 @@ impl<'a> Deflection<'a> {
         span: [f64; 2],
         ends: [&DVector<f64>; 2],
     ) -> Result<Solution, CollocationError> {
-        let unit_s = self.path.duration;
+        let unit_s = self.task.path.duration;
         let mesh = first_mesh(span.map(|t| t / unit_s), 1.0, self.resolution);
         let ends = ends.map(|w| w.component_div(&self.units));
         let solution = collocation::solve(self, mesh, [ends[0].as_slice(), ends[1].as_slice()]);
@@ -83,7 +82,7 @@ impl<'a> Deflection<'a> {
 
     /// The equation at a time, s.
     fn equation(&self, t: f64) -> DeflectionEquation {
-        let tip = self.path.at(t);
+        let tip = self.task.path.at(t);
         // The path has been checked; where rounding at its edge still refuses, rest.
         let joint = self
             .model
@@ -100,7 +99,7 @@ impl<'a> Deflection<'a> {
             self.model,
             &joint,
             &configuration,
-            self.force,
+            self.task.force_at(self.surface, t),
             self.as_printed,
         )
     }
@@ -131,7 +130,7 @@ impl collocation::Problem for Deflection<'_> {
         by_q: &mut DMatrix<f64>,
         by_rate: &mut DMatrix<f64>,
     ) {
-        let unit_s = self.path.duration;
+        let unit_s = self.task.path.duration;
         let units = self.units.iter();
         let w: Vec<f64> = units.clone().zip(q).map(|(unit, q)| unit * q).collect();
         let w_rate: Vec<f64> = units.zip(rate).map(|(unit, q)| unit * q / unit_s).collect();
@@ -145,7 +144,7 @@ impl collocation::Problem for Deflection<'_> {
     fn size(&self, q: &[f64], acceleration: &[f64]) -> f64 {
         let deflection = largest(q, 1.0) / self.tolerance[0];
         // How the accelerations enter the torques, tau2 and tau1 - tau2.
-        let unit_s = self.path.duration;
+        let unit_s = self.task.path.duration;
         let units = self.units.iter().zip(acceleration);
         let acceleration: Vec<f64> = units
             .map(|(unit, q)| unit * q / (unit_s * unit_s))
@@ -187,13 +186,16 @@ pub(super) fn largest(w: &[f64], length_m: f64) -> f64 {
 /// Largest torque of joint 2, N m, that the motion would take if link 2 did not bend: what the
 /// torques' errors are measured by before they are known. Not less than a millionth of joint 1's,
 /// where there is nothing for joint 2 to do.
-pub(super) fn rigid_torque(model: &ArmModel, path: &LinePath, force: [f64; 2]) -> f64 {
+pub(super) fn rigid_torque(model: &ArmModel, task: &Task, surface: &Surface) -> f64 {
     const SAMPLES: u32 = 32;
     const LEAST: f64 = 1e-6;
     let rest = vec![0.0; model.dof()];
     let mut peaks = [0.0_f64; 2];
+    let path = &task.path;
     for i in 0..=SAMPLES {
-        let tip = path.at(path.duration * f64::from(i) / f64::from(SAMPLES));
+        let t = path.duration * f64::from(i) / f64::from(SAMPLES);
+        let tip = path.at(t);
+        let force = task.force_at(surface, t);
         let (at, elbow) = (&model.kinematics, model.arm.elbow);
         let joint = at.inverse_motion(tip.position, tip.velocity, tip.acceleration, elbow);
         let joint = joint.unwrap_or_default();

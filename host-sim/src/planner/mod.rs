@@ -2,10 +2,12 @@
 
 pub mod collocation;
 mod elastic_bvp;
+mod feasible;
 pub mod limits;
 pub mod monitors;
 pub mod path;
 pub mod plan;
 pub mod table_fit;
 pub mod task;
+pub mod tip_force;
 pub mod zeros;

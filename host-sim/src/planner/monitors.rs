@@ -42,7 +42,7 @@ pub fn planned_speed(plan: &Plan) -> [f64; 2] {
 pub fn default_monitors(plan: &Plan, law: &LawParameters) -> MonitorParameters {
     let slopes = plan.points.iter().map(|point| point.root_slope.abs());
     let root_slope = slopes.fold(0.0, f64::max);
-    let force = plan.task.normal_force;
+    let force = plan.task.normal_force.largest();
     let of_force = plan.model.arm.link2_length_m * force;
     let moment =
         |[force, torque]: [f64; 2]| LEAST_NM.max(force * of_force + torque * plan.peaks.torque[1]);

@@ -80,6 +80,17 @@ impl LinePath {
         libm::hypot(self.to[0] - self.from[0], self.to[1] - self.from[1])
     }
 
+    /// Its direction from start to end, a unit vector, inertial axes.
+    pub fn direction(&self) -> [f64; 2] {
+        let length = self.length();
+        [0, 1].map(|i| (self.to[i] - self.from[i]) / length)
+    }
+
+    /// The point at a progress from 0 to 1, m.
+    pub fn point(&self, progress: f64) -> [f64; 2] {
+        [0, 1].map(|i| self.from[i] + progress * (self.to[i] - self.from[i]))
+    }
+
     /// Progress, 0 to 1, at which the line is nearest to the origin (joint 1).
     pub fn nearest_progress(&self) -> f64 {
         let displacement = [self.to[0] - self.from[0], self.to[1] - self.from[1]];

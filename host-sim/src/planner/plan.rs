@@ -18,8 +18,10 @@ use crate::model::dynamics::Motion;
 use crate::model::printed::inverse_as_printed;
 use crate::planner::collocation::Solution;
 use crate::planner::elastic_bvp::{Deflection, largest, rigid_torque};
+use crate::planner::feasible::{angles_at, check_friction, check_path, lever_ratio};
 use crate::planner::path::{LinePath, Profile, TipMotion};
 use crate::planner::task::{Equations, PlanError, Remedy, SLOPE_MAX_RAD, Task, surface};
+use crate::planner::tip_force::{NormalForce, TipForce};
 use crate::planner::zeros::{fastest_zero, window_length};
 use crate::text::Shortest;
 use flexor::model::{ArmParameters, Elbow, JointMotion, fingerprint};
@@ -47,6 +49,8 @@ pub struct PlanPoint {
     pub root_slope_rate: f64,
     /// Feedforward torques (tau1, tau2), N m.
     pub torque: [f64; 2],
+    /// The tip's force on the surface.
+    pub force: TipForce,
 }
 
 impl PlanPoint {
@@ -133,15 +137,6 @@ impl Branch {
     }
 }
 
-/// Refuses paths that the arm cannot follow; a straight line is worst at its ends and
-/// where it is nearest to joint 1.
-fn check_path(model: &ArmModel, path: &LinePath) -> Result<(), PlanError> {
-    for progress in [0.0, path.nearest_progress(), 1.0] {
-        angles_at(model, path, progress)?;
-    }
-    Ok(())
-}
-
 /// Tolerated error of the torques for one of the deflection: a share of the [`rigid_torque`] per
 /// rad. With 1e-7 rad on the paper's task 5e-7 N m, by an estimate that is some 10 times too large.
 const TORQUE_SHARE_PER_RAD: f64 = 15.0;
@@ -219,7 +214,7 @@ fn remedy(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Remedy {
         ..*options
     };
     let within = |duration: f64| {
-        let mut slower = *task;
+        let mut slower = task.clone();
         slower.path.duration = duration;
         attempt(arm, &slower, &options).ok()
     };
@@ -262,15 +257,16 @@ fn attempt(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<Pl
     } = *options;
     let model = ArmModel::new(arm, elements)?;
     let surface = surface(task, arm)?;
-    let force = surface.normal.map(|n| n * task.normal_force);
     let path = task.path;
     check_path(&model, &path)?;
+    check_friction(&model, task, &surface)?;
 
     let ends = [
         angles_at(&model, &path, 0.0)?,
         angles_at(&model, &path, 1.0)?,
     ];
-    let (pre_ticks, ticks) = ticks(&model, task, ends, force, tick_rate_hz)?;
+    let forces = [0.0, path.duration].map(|t| task.force_at(&surface, t));
+    let (pre_ticks, ticks) = ticks(&model, task, ends, forces, tick_rate_hz)?;
     let rate = f64::from(tick_rate_hz);
     let span = [
         -f64::from(pre_ticks) / rate,
@@ -279,20 +275,21 @@ fn attempt(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<Pl
 
     let [start, end] = ends;
     let rest_start =
-        resting(&model, start, force, equations).ok_or(PlanError::Buckled { end: false })?;
+        resting(&model, start, forces[0], equations).ok_or(PlanError::Buckled { end: false })?;
     let rest_end =
-        resting(&model, end, force, equations).ok_or(PlanError::Buckled { end: true })?;
-    let torque_nm = rigid_torque(&model, &path, force);
-    let fastest_s = 1.0 / fastest_zero(&model, start, force)?.max(1.0 / path.duration);
+        resting(&model, end, forces[1], equations).ok_or(PlanError::Buckled { end: true })?;
+    let torque_nm = rigid_torque(&model, task, &surface);
+    let fastest_s = 1.0 / fastest_zero(&model, start, forces[0])?.max(1.0 / path.duration);
     let tolerance = options.tolerance;
     let tolerance = [tolerance, TORQUE_SHARE_PER_RAD * torque_nm * tolerance];
-    let problem = Deflection::new(&model, &path, force, equations, tolerance, 0.1 * fastest_s);
+    let load = (task, &surface);
+    let problem = Deflection::new(&model, load, equations, tolerance, 0.1 * fastest_s);
     let solution = problem.solve(span, [&rest_start, &rest_end])?;
 
     let mut plan = Plan {
         branch: Branch::of(&path),
         surface,
-        task: *task,
+        task: task.clone(),
         equations,
         tick_rate_hz,
         pre_ticks,
@@ -311,33 +308,22 @@ fn attempt(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<Pl
     Ok(plan)
 }
 
-/// The joint angles, rad, at the given progress along the path, 0 to 1.
-fn angles_at(model: &ArmModel, path: &LinePath, progress: f64) -> Result<[f64; 2], PlanError> {
-    let point_m = [0, 1].map(|i| path.from[i] + progress * (path.to[i] - path.from[i]));
-    let t_s = path.time_at_progress(progress);
-    let angles = model.kinematics.inverse(point_m, model.arm.elbow);
-    angles.map_err(|source| PlanError::Path {
-        t_s,
-        point_m,
-        source,
-    })
-}
-
 /// Control periods before the path's start, and of the whole plan. The path's `ends` are in
-/// joint angles (rad), the `force` in N, inertial axes.
+/// joint angles (rad), the `forces` there in N, inertial axes.
 fn ticks(
     model: &ArmModel,
     task: &Task,
     ends: [[f64; 2]; 2],
-    force: [f64; 2],
+    forces: [[f64; 2]; 2],
     tick_rate_hz: u32,
 ) -> Result<(u32, u32), PlanError> {
     let rate = f64::from(tick_rate_hz);
     let longest_s = TICKS_MAX / rate;
-    let window =
-        |window, angle, before| window_length(model, window, (angle, force), before, longest_s);
-    let pre = window(task.pre_actuation, ends[0], true)?;
-    let post = window(task.post_actuation, ends[1], false)?;
+    let window = |window, end: usize| {
+        window_length(model, window, (ends[end], forces[end]), end == 0, longest_s)
+    };
+    let pre = window(task.pre_actuation, 0)?;
+    let post = window(task.post_actuation, 1)?;
     let duration = task.path.duration;
     let refuse = |what, value_s: f64, accepted: String| PlanError::Duration {
         what,
@@ -406,9 +392,20 @@ impl Plan {
         (f64::from(tick) - f64::from(self.pre_ticks)) / f64::from(self.tick_rate_hz)
     }
 
-    /// Planned contact force, N, inertial axes.
-    pub fn force(&self) -> [f64; 2] {
-        self.surface.normal.map(|n| n * self.task.normal_force)
+    /// Planned force of the tip on the surface with its friction, N, inertial axes, at a time, s from
+    /// the path's start.
+    pub fn force_at(&self, t: f64) -> [f64; 2] {
+        self.task.force_at(&self.surface, t)
+    }
+
+    /// Largest |c2/s2| of the plan (how steeply link 2 stands on the surface), and when it is reached, s.
+    pub fn lever_ratio_max(&self) -> (f64, f64) {
+        let ratios = self.points.iter().map(|point| {
+            let ratio = lever_ratio(&self.model, &self.surface, point.joint.angle);
+            (ratio, point.t)
+        });
+        let larger = |most: (f64, f64), next: (f64, f64)| if next.0 > most.0 { next } else { most };
+        ratios.fold((0.0, 0.0), larger)
     }
 
     /// Direction of the surface normal, rad from a1 towards a2.
@@ -438,14 +435,14 @@ impl Plan {
             Equations::Exact => 0.0,
             Equations::AsPrinted => 1.0,
         };
-        let values = [
+        let mut values = vec![
             path.from[0],
             path.from[1],
             path.to[0],
             path.to[1],
             path.duration,
             profile,
-            self.task.normal_force,
+            self.task.normal_force.at(0.0),
             self.surface.normal[0],
             self.surface.normal[1],
             elbow,
@@ -455,6 +452,14 @@ impl Plan {
             self.model.elements as f64,
             equations,
         ];
+        // What today's tables know nothing of counts where there is any.
+        let friction = self.task.friction;
+        if friction.coefficient != 0.0 {
+            values.extend([friction.coefficient, friction.way_m]);
+        }
+        if let NormalForce::Along(profile) = &self.task.normal_force {
+            values.extend(profile.way_points().flatten());
+        }
         fingerprint("flexor task 1", &values)
     }
 
@@ -566,7 +571,7 @@ impl Sampler<'_> {
             &mut self.q_rate,
             &mut self.q_acceleration,
         );
-        let force = plan.force();
+        let force = plan.force_at(t);
         let configuration = Configuration::new(model, joint.angle);
         let motion = Motion {
             joint,
@@ -587,6 +592,7 @@ impl Sampler<'_> {
             root_slope: model.slope_at_root(&self.q),
             root_slope_rate: model.slope_at_root(&self.q_rate),
             torque,
+            force: plan.task.tip_force(t),
         }
     }
 

@@ -133,7 +133,7 @@ pub fn task_peaks(plan: &Plan) -> [f64; 2] {
 fn tolerance(plan: &Plan) -> Reference<f64> {
     Reference {
         torque: task_peaks(plan).map(|peak| KNOT_SHARE * peak),
-        force: 1e-6 * plan.task.normal_force.abs(),
+        force: 1e-6 * plan.task.normal_force.largest(),
         angle: [1e-6, 1e-6],
         root_slope: 1e-6,
         root_slope_rate: 2e-4 / plan.task.path.duration,
@@ -160,7 +160,7 @@ fn samples(plan: &Plan) -> Vec<[f64; COLUMNS]> {
                 } else {
                     point.torque
                 },
-                force: plan.task.normal_force,
+                force: point.force.normal,
                 angle: point.joint.angle,
                 root_slope: point.root_slope,
                 root_slope_rate: point.root_slope_rate,
@@ -301,7 +301,7 @@ fn errors(plan: &Plan, image: &[u8]) -> Result<[(f64, usize); COLUMNS], TableErr
                 Some(next) => sampler.at(0.5 * (point.t + next.t)).torque,
                 None => point.torque,
             },
-            force: plan.task.normal_force,
+            force: point.force.normal,
             angle: point.joint.angle,
             root_slope: point.root_slope,
             root_slope_rate: point.root_slope_rate,

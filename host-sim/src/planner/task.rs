@@ -4,6 +4,7 @@ use crate::model::arm_model::ModelError;
 use crate::model::configuration::Surface;
 use crate::planner::collocation::CollocationError;
 use crate::planner::path::LinePath;
+use crate::planner::tip_force::{FRICTION_SHARE_MAX, NormalForce, SurfaceFriction, TipForce};
 use crate::text::{Shortest, four_digits};
 use flexor::model::{ArmParameters, KinematicsError};
 
@@ -32,16 +33,18 @@ pub enum Window {
 }
 
 /// What the tip shall do.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Task {
     /// The tip's path and its timing.
     pub path: LinePath,
     /// Force on the surface along its normal, N.
-    pub normal_force: f64,
+    pub normal_force: NormalForce,
     /// Direction that tells the path's two normals apart: the force is along the one
     /// with a positive component in this direction. `None`: downwards (+a2), or along
     /// +a1 for a vertical path.
     pub direction: Option<[f64; 2]>,
+    /// Friction of the surface that the plan counts on.
+    pub friction: SurfaceFriction,
     /// Time before the tip's motion.
     pub pre_actuation: Window,
     /// Time after it.
@@ -114,6 +117,21 @@ pub enum PlanError {
     Buckled {
         /// At the end, or at the start.
         end: bool,
+    },
+    /// Friction would hold the tip, however hard joint 2 presses.
+    #[error(
+        "surface.friction = {} lets the tip jam: at point ({:.4}, {:.4}) m link 2 stands so steeply on the surface that friction times |c2/s2| = {} reaches {}; below 1, a friction below {}, is accepted, and below {FRICTION_SHARE_MAX}, {}, is of use",
+        Shortest(*friction), point_m[0], point_m[1], four_digits(*lever_ratio),
+        four_digits(friction * lever_ratio), four_digits(1.0 / lever_ratio),
+        four_digits(FRICTION_SHARE_MAX / lever_ratio)
+    )]
+    Jams {
+        /// Coefficient of friction in the plan.
+        friction: f64,
+        /// Where, m.
+        point_m: [f64; 2],
+        /// |c2/s2| there.
+        lever_ratio: f64,
     },
     /// A planned quantity is not finite or absurdly large.
     #[error(
@@ -263,4 +281,34 @@ pub(super) fn surface(task: &Task, arm: &ArmParameters) -> Result<Surface, PlanE
         normal,
         offset_m: normal[0] * path.from[0] + normal[1] * path.from[1],
     })
+}
+
+impl Task {
+    /// The tip's force at time `t`, s after the path's start.
+    pub fn tip_force(&self, t: f64) -> TipForce {
+        let path = &self.path;
+        let [progress, _, _] = path.profile.at(t / path.duration);
+        let way_m = path.length() * progress;
+        let normal = self.normal_force.at(way_m);
+        let friction = &self.friction;
+        if friction.coefficient == 0.0 {
+            return TipForce { normal, along: 0.0 };
+        }
+        TipForce {
+            normal,
+            along: friction.coefficient * normal * libm::tanh(way_m / friction.way_m),
+        }
+    }
+
+    /// The same in inertial axes, N; `surface` is the task's own.
+    pub fn force_at(&self, surface: &Surface, t: f64) -> [f64; 2] {
+        let TipForce { normal, along } = self.tip_force(t);
+        let pressed = surface.normal.map(|n| n * normal);
+        // Nothing is added where there is none: not even to a zero's sign.
+        if self.friction.coefficient == 0.0 {
+            return pressed;
+        }
+        let direction = self.path.direction();
+        [0, 1].map(|i| pressed[i] + along * direction[i])
+    }
 }

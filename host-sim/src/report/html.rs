@@ -6,7 +6,7 @@ use super::figures::{POINTS_MAX, decimate, figures, force_axis, number};
 use super::{Case, ReportError, page};
 use crate::analysis::stability::path::Summary;
 use crate::model::arm_model::deflection_matrix;
-use crate::simulation::closed_loop::SHAPE_STRIDE;
+use crate::simulation::closed_loop::{Run, SHAPE_STRIDE};
 use minijinja::{Value, context};
 use nalgebra::DVector;
 use serde::Serialize;
@@ -42,7 +42,10 @@ struct Motion {
     lengths: [f64; 2],
     normal: [f64; 2],
     path: [[f64; 2]; 2],
+    /// The largest planned force.
     reference: f64,
+    /// The planned force over time, `[t, f]`.
+    planned: Vec<[f64; 2]>,
     /// First and last time of the plan, s.
     times: [f64; 2],
     /// Times of the frames, s.
@@ -71,25 +74,28 @@ fn rounded(value: f64, decimals: i32) -> f64 {
     if rounded.is_finite() { rounded } else { value }
 }
 
+/// Which of a run's shapes the player shows.
+fn frames(run: &Run) -> impl Iterator<Item = usize> {
+    let rows = run.rows.len().div_ceil(SHAPE_STRIDE.max(1));
+    let all = run.shapes.len().min(rows);
+    (0..all).step_by(all.div_ceil(FRAMES_MAX).max(1))
+}
+
 impl Motion {
     fn new(case: &Case) -> Self {
         let (plan, run) = (case.plan, case.run);
         let arm = &plan.model.arm;
         let shape = deflection_matrix(arm, run.elements, INTERVALS);
-        let frames: Vec<usize> = {
-            let all = run
-                .shapes
-                .len()
-                .min(run.rows.len().div_ceil(SHAPE_STRIDE.max(1)));
-            (0..all).step_by(all.div_ceil(FRAMES_MAX).max(1)).collect()
-        };
         let mut motion = Self {
             case: case.title(),
             plant: case.plant_title(),
             lengths: [arm.link1_length_m, arm.link2_length_m],
             normal: plan.surface.normal,
             path: [plan.task.path.from, plan.task.path.to],
-            reference: plan.task.normal_force,
+            reference: plan.task.normal_force.largest(),
+            planned: { case.planned_force().into_iter() }
+                .map(|point| point.map(|x| rounded(x, 4)))
+                .collect(),
             times: case.times(),
             t: vec![],
             angle1: vec![],
@@ -103,7 +109,7 @@ impl Motion {
             range: [0.0; 2],
             cut: false,
         };
-        for frame in frames {
+        for frame in frames(run) {
             let row = &run.rows[frame * SHAPE_STRIDE];
             let seen = row.reading;
             let numbers = [row.t, seen.angle[0], seen.angle[1], seen.force];

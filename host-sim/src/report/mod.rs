@@ -15,6 +15,7 @@ mod html;
 mod page;
 
 use crate::planner::plan::Plan;
+use crate::planner::tip_force::NormalForce;
 use crate::simulation::closed_loop::Run;
 use std::path::{Path, PathBuf};
 
@@ -53,6 +54,20 @@ impl Case<'_> {
     fn times(&self) -> [f64; 2] {
         let end = |point: Option<&crate::planner::plan::PlanPoint>| point.map_or(0.0, |p| p.t);
         [end(self.plan.points.first()), end(self.plan.points.last())]
+    }
+
+    /// The planned force over these times, s and N: two points of a constant one.
+    fn planned_force(&self) -> Vec<[f64; 2]> {
+        /// Enough for a curve.
+        const STEPS: u32 = 256;
+        let [from, to] = self.times();
+        let steps = match self.plan.task.normal_force {
+            NormalForce::Constant(_) => 1,
+            NormalForce::Along(_) => STEPS,
+        };
+        let times = (0..=steps).map(|i| from + (to - from) * f64::from(i) / f64::from(steps));
+        let force = |t| self.plan.task.tip_force(t).normal;
+        times.map(|t| [t, force(t)]).collect()
     }
 }
 
@@ -106,6 +121,7 @@ pub(crate) mod testing {
     use crate::planner::path::{LinePath, Profile};
     use crate::planner::plan::{Plan, PlanOptions, plan};
     use crate::planner::task::{Task, Window};
+    use crate::planner::tip_force::SurfaceFriction;
     use crate::plant::PlantParameters;
     use crate::simulation::closed_loop::{Run, RunOptions, Simulation};
     use crate::simulation::start::Start;
@@ -200,8 +216,9 @@ pub(crate) mod testing {
                 duration: 0.4,
                 profile: Profile::Poly11,
             },
-            normal_force: 2.0,
+            normal_force: 2.0.into(),
             direction: None,
+            friction: SurfaceFriction::default(),
             pre_actuation: Window::Fixed(0.1),
             post_actuation: Window::Fixed(0.0),
         };

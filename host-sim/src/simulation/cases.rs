@@ -103,7 +103,7 @@ pub fn plant(elements: usize, bending_stiffness_scale: f64) -> PlantParameters {
 /// until it rests to 1e-6.
 pub fn fast(task: &Task) -> Task {
     const WINDOW: Window = Window::Auto { tolerance: 1e-6 };
-    let mut fast = *task;
+    let mut fast = task.clone();
     fast.path.duration /= 5.0;
     fast.pre_actuation = WINDOW;
     fast.post_actuation = WINDOW;

@@ -227,7 +227,7 @@ pub struct Step<T> {
 /// let mut simulation = Simulation::<f32>::new(&plan, &image, &options)?;
 /// let step = simulation.step().expect("the motion has just begun");
 /// assert_eq!(step.row.torque, simulation.held());
-/// assert!((step.row.reading.force - task.normal_force).abs() < 1e-3);
+/// assert!((step.row.reading.force - step.row.force_reference).abs() < 1e-3);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug)]
@@ -326,7 +326,7 @@ impl<'a, T: TableScalar> Simulation<'a, T> {
                 t: point.t,
                 reading,
                 tip_reference: point.tip.position,
-                force_reference: self.plan.task.normal_force,
+                force_reference: point.force.normal,
                 torque: self.held,
                 saturation: command.saturation,
                 integral: T::of_sum(self.controller.force_integral()).to_si(self.formats.force),

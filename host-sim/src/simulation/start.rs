@@ -34,7 +34,9 @@ pub fn plant_for(
     let state = match start {
         Start::PlanMoving => state_of(angle, &taken(sampler.q()), &taken(sampler.q_rate())),
         Start::PlanAtRest => state_of(angle, &taken(sampler.q()), &vec![0.0; model.dof()]),
-        Start::Equilibrium => resting_state(&model, parameters, angle, plan.force())?,
+        Start::Equilibrium => {
+            resting_state(&model, parameters, angle, plan.force_at(plan.time(0)))?
+        }
     };
     let period_s = 1.0 / f64::from(plan.tick_rate_hz);
     let mut plant = Plant::new(model, parameters, plan.surface, period_s, state)?;

@@ -211,7 +211,7 @@ fn signals(
     };
     let moment_arms = [largest(&moment_arm1), largest(&moment_arm2)];
     let pressed = [0, 1].map(|i| (torque[i] + plan.peaks.torque[i]) / moment_arms[i].max(1e-6));
-    let force = plan.task.normal_force.abs() + pressed[0].max(pressed[1]);
+    let force = plan.task.normal_force.largest() + pressed[0].max(pressed[1]);
     let slope_rate = slope_rate_range(plan, law, torque[1]);
     let moment_arm = arm.link1_length_m + arm.link2_length_m;
 

@@ -87,7 +87,7 @@ fn deviations(plan: &Plan, law: &HybridParameters, limits: &LimitParameters) -> 
     });
     Measurement {
         motor,
-        force: plan.task.normal_force.abs(),
+        force: plan.task.normal_force.largest(),
         root_moment: 0.1 * limits.torque_nm[1],
         ..Measurement::default()
     }

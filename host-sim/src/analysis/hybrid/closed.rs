@@ -10,7 +10,7 @@
 //! ```
 
 use super::plant::{DISTURBANCES, Disturbance, LoopPose, OUTPUTS, SampledPlant};
-use crate::analysis::stability::{eigenvalues, sampled::exp};
+use crate::analysis::stability::eigenvalues;
 use crate::planner::plan::Plan;
 use flexor::control::{HybridLaw, HybridParameters, HybridState};
 use flexor::model::ArmParameters;
@@ -23,21 +23,6 @@ const LAW_STATES: usize = 9;
 
 /// The state's size in the plain units; small, so that no limit acts on it.
 const BASIS: f64 = 1e-6;
-
-/// Over one period, `exp` of `[[a, b], [0, 0]] period`: state to state and inputs to state.
-pub(super) fn sample(
-    a: &DMatrix<f64>,
-    b: &DMatrix<f64>,
-    period_s: f64,
-) -> (DMatrix<f64>, DMatrix<f64>) {
-    let (n, m) = (a.nrows(), b.ncols());
-    let mut whole = DMatrix::zeros(n + m, n + m);
-    whole.view_mut((0, 0), (n, n)).copy_from(a);
-    whole.view_mut((0, n), (n, m)).copy_from(b);
-    let whole = exp(whole * period_s);
-    let part = |column, width| whole.view((0, column), (n, width)).into_owned();
-    (part(0, n), part(n, m))
-}
 
 /// The law as matrices, in deviations from the plan: `w+ = a w + b v`, `u = c w + d v`, with what
 /// is measured in the order of [`OUTPUTS`]. What never acts, as an integral without a gain, is left
@@ -384,7 +369,7 @@ impl Noise {
     /// 2 is wrong by a tenth where masses are, as fast as the motion is.
     pub fn for_plan(plan: &Plan) -> Self {
         const MASS_ERROR: f64 = 0.1;
-        let mut noise = Self::for_arm(&plan.model.arm, plan.task.normal_force);
+        let mut noise = Self::for_arm(&plan.model.arm, plan.task.normal_force.largest());
         let count = plan.points.len().max(1) as f64;
         let mean = plan.points.iter().map(|p| p.torque[1]).sum::<f64>() / count;
         let squares = plan.points.iter().map(|p| {

@@ -12,17 +12,25 @@
 pub mod closed;
 #[cfg(feature = "tune")]
 pub mod design;
-pub mod plant;
-pub mod proof;
-pub mod spread;
 #[cfg(test)]
-mod tests;
+mod hybrid_tests;
+pub mod plant;
+#[cfg(feature = "tune")]
+pub mod problem;
+pub mod proof;
+#[cfg(feature = "tune")]
+mod search;
+#[cfg(feature = "tune")]
+pub mod sets;
+pub mod spread;
 
 pub use closed::{ClosedLoop, LinearHybrid, Noise, Stress};
 
 #[cfg(feature = "tune")]
-pub use design::{Design, Effort, Problem, design};
+pub use design::{Design, Effort, design};
 pub use plant::{LoopPlant, LoopPose, SampledPlant};
+#[cfg(feature = "tune")]
+pub use problem::Problem;
 pub use proof::Proof;
 pub use spread::{LoopSpread, NamedPlant};
 
@@ -52,7 +60,7 @@ pub enum HybridError {
     },
     /// Friction turns the force loop round, or nearly so.
     #[error(
-        "friction = {}: {} times the largest tangent of link 2's slope to the surface is {product:.2}, and sliding friction multiplies the force loop's gain by 1/(1 - that); a friction up to {} is accepted, or a path on which link 2 stands steeper",
+        "friction = {}: {} times the largest tangent of link 2's slope to the surface is {product:.2}, and sliding friction multiplies the force loop's gain by 1/(1 - that); a friction up to {} is accepted, or a path on which link 2 lies flatter",
         Shortest(*friction),
         Shortest(*friction),
         Shortest(*accepted)
@@ -83,15 +91,20 @@ pub fn poses(plan: &Plan, points: usize) -> Vec<LoopPose> {
     (0..points.max(1))
         .map(|i| {
             let t_s = start + (end - start) * i as f64 / last as f64;
+            let point = sampler.at(t_s);
             LoopPose {
                 t_s,
-                angle: sampler.at(t_s).joint.angle,
-                force_n: plan.task.normal_force,
+                angle: point.joint.angle,
+                force_n: point.force.normal,
                 normal_angle: plan.normal_angle(),
             }
         })
         .collect()
 }
+
+/// Friction times [`friction_leverage`] above which gains are refused: the force loop's gain is
+/// then multiplied by more than 2.2.
+pub const FRICTION_LEVERAGE_MAX: f64 = crate::planner::tip_force::FRICTION_SHARE_MAX;
 
 /// The largest magnitude of c2/s2 over `poses`: the tangent of link 2's slope to the surface's
 /// normal's cross direction. Friction mu multiplies the force loop's gain by up to

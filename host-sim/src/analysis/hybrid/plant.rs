@@ -8,6 +8,7 @@
 
 use super::HybridError;
 use crate::analysis::stability::dual::Dual;
+use crate::analysis::stability::sampled::exp;
 use crate::model::arm_model::ArmModel;
 use crate::model::dynamics::equilibrium;
 use crate::plant::bench::{PressedArm, PressedPlane};
@@ -131,6 +132,11 @@ pub enum Disturbance {
     Tangential = 1,
     /// The surface's height, m; away from the arm.
     Height = 2,
+}
+
+impl Disturbance {
+    /// All of them.
+    const ALL: [Self; DISTURBANCES] = [Self::RootTorque, Self::Tangential, Self::Height];
 }
 
 /// Their number.
@@ -276,7 +282,6 @@ impl SampledPlant {
         }
         let size = rest.state.len();
         let half = (size - 4) / 2;
-        let velocity = |i: usize| i == 2 || i == 3 || i >= 4 + half;
         let kept: Vec<usize> = (0..size)
             .filter(|i| link1 || (*i != 0 && *i != 2))
             .collect();
@@ -284,15 +289,9 @@ impl SampledPlant {
 
         let columns: Vec<_> = kept.iter().map(|i| rest.slopes(*i)).collect();
         let inputs: Vec<_> = joints.iter().map(|j| rest.slopes(size + j)).collect();
+        let unit = velocity_unit(&kept, half, &columns);
+        let scale = |i: usize| if is_velocity(i, half) { unit } else { 1.0 };
         let (n, inner) = (kept.len(), kept.len() + joints.len());
-        // Velocities in a unit that makes the entries alike in size.
-        let stiff = kept.iter().enumerate().filter(|(_, i)| velocity(**i));
-        let largest = stiff.fold(0.0_f64, |most, (_, row)| {
-            let positions = columns.iter().zip(&kept).filter(|(_, i)| !velocity(**i));
-            positions.fold(most, |most, ((rate, _), _)| most.max(rate[*row].abs()))
-        });
-        let unit = largest.sqrt().max(1.0);
-        let scale = |i: usize| if velocity(i) { unit } else { 1.0 };
         let lag = core::f64::consts::TAU * plant.drive_bandwidth_hz;
         let mut a = DMatrix::zeros(inner, inner);
         let mut b = DMatrix::zeros(inner, joints.len() + DISTURBANCES);
@@ -311,12 +310,7 @@ impl SampledPlant {
             b[(n + j, j)] = lag;
         }
         let mut measured = DMatrix::zeros(OUTPUTS, DISTURBANCES);
-        let all = [
-            Disturbance::RootTorque,
-            Disturbance::Tangential,
-            Disturbance::Height,
-        ];
-        for disturbance in all {
+        for disturbance in Disturbance::ALL {
             let column = disturbance as usize;
             let response = rest.disturbed(disturbance);
             for (row, i) in kept.iter().enumerate() {
@@ -326,7 +320,7 @@ impl SampledPlant {
                 measured[(row, column)] = *value;
             }
         }
-        let (phi, all_inputs) = super::closed::sample(&a, &b, 1.0 / f64::from(tick_rate_hz));
+        let (phi, all_inputs) = sample(&a, &b, 1.0 / f64::from(tick_rate_hz));
         let finite = |m: &DMatrix<f64>| m.iter().all(|x| x.is_finite());
         if !(finite(&phi) && finite(&all_inputs) && finite(&c)) {
             return Err(HybridError::NotFinite { t_s: pose.t_s });
@@ -348,6 +342,37 @@ impl SampledPlant {
     pub fn both_joints(&self) -> bool {
         self.gamma.ncols() == 2
     }
+}
+
+/// Whether place `i` of a [`PressedArm`]'s state of `half` modes is a rate.
+fn is_velocity(i: usize, half: usize) -> bool {
+    i == 2 || i == 3 || i >= 4 + half
+}
+
+/// A unit for the rates among the places `kept` that makes the entries of the linearisation alike in
+/// size, 1/s; `columns` are the state's rates by each of them.
+fn velocity_unit(kept: &[usize], half: usize, columns: &[(Vec<f64>, [f64; OUTPUTS])]) -> f64 {
+    let rates = || kept.iter().filter(|i| is_velocity(**i, half));
+    let mut largest = 0.0_f64;
+    for ((rate, _), _) in columns
+        .iter()
+        .zip(kept)
+        .filter(|(_, i)| !is_velocity(**i, half))
+    {
+        largest = rates().fold(largest, |most, i| most.max(rate[*i].abs()));
+    }
+    largest.sqrt().max(1.0)
+}
+
+/// Over one period, `exp` of `[[a, b], [0, 0]] period`: state to state and inputs to state.
+fn sample(a: &DMatrix<f64>, b: &DMatrix<f64>, period_s: f64) -> (DMatrix<f64>, DMatrix<f64>) {
+    let (n, m) = (a.nrows(), b.ncols());
+    let mut whole = DMatrix::zeros(n + m, n + m);
+    whole.view_mut((0, 0), (n, n)).copy_from(a);
+    whole.view_mut((0, n), (n, m)).copy_from(b);
+    let whole = exp(whole * period_s);
+    let part = |column, width| whole.view((0, column), (n, width)).into_owned();
+    (part(0, n), part(n, m))
 }
 
 #[cfg(test)]

@@ -3,15 +3,11 @@
 use super::closed::{ClosedLoop, LinearHybrid, Stress};
 use super::plant::{LoopPlant, LoopPose, SampledPlant};
 use super::spread::{LoopSpread, NamedPlant};
-use super::{HybridError, friction_leverage};
+use super::{FRICTION_LEVERAGE_MAX, HybridError, friction_leverage};
 use flexor::control::HybridParameters;
 use flexor::model::ArmParameters;
 use nalgebra::Complex;
 use rayon::prelude::*;
-
-/// Friction times [`friction_leverage`] above which gains are refused: the force loop's gain is
-/// then multiplied by more than 2.2.
-pub const FRICTION_LEVERAGE_MAX: f64 = 0.55;
 
 /// Factors by which joint 2's torque is multiplied, in the order in which margins are looked for.
 const GAINS_UP: [f64; 7] = [1.2, 1.4, 1.7, 2.0, 2.5, 3.0, 4.0];

@@ -67,7 +67,7 @@ impl LoopSpread {
     ///
     /// [`friction_leverage`]: super::friction_leverage
     pub fn with_friction_for(self, leverage: f64) -> Self {
-        let accepted = 0.9 * super::proof::FRICTION_LEVERAGE_MAX / leverage;
+        let accepted = 0.9 * super::FRICTION_LEVERAGE_MAX / leverage;
         Self {
             friction: self.friction.min(accepted),
             ..self

@@ -88,8 +88,8 @@ impl OperatingPoint {
                 .ok_or(StabilityError::Buckled { t_s: t })
         };
         let geometric = variant.parameters.geometric_stiffness.is_any();
-        let own = rest(model, normal.map(|n| n * plan.task.normal_force), geometric)?;
-        let theirs = rest(planned, plan.force(), false)?;
+        let own = rest(model, normal.map(|n| n * point.force.normal), geometric)?;
+        let theirs = rest(planned, plan.force_at(t), false)?;
         let projected = model.project_shape_from(planned, &theirs.0);
         for i in 0..q.len() {
             q[i] += own.0[i] - projected[i];

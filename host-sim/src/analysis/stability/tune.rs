@@ -292,7 +292,7 @@ fn starts(plan: &Plan, variant: &PlantVariant) -> Result<[Vec<f64>; 2], Stabilit
     let point = sampler.at(t);
     let model = &variant.model;
     let geometric = variant.parameters.geometric_stiffness.is_any();
-    let (rest, _) = dynamics::equilibrium(model, point.joint.angle, plan.force(), geometric)
+    let (rest, _) = dynamics::equilibrium(model, point.joint.angle, plan.force_at(t), geometric)
         .ok_or(StabilityError::Buckled { t_s: t })?;
     let q = model.project_shape_from(&plan.model, sampler.q());
     let rate = model.project_shape_from(&plan.model, sampler.q_rate());
@@ -436,7 +436,7 @@ impl Search<'_> {
         let mut sum = 0.0;
         let mut terms = 0.0;
         // Below this part of the reference an error is as good as none.
-        let least = 1e-4 * self.plan.task.normal_force.abs().max(1e-3);
+        let least = 1e-4 * self.plan.task.normal_force.largest().max(1e-3);
         for prediction in &self.predictions {
             let errors = prediction.errors(self.plan, law);
             for start in 0..2 {

@@ -110,6 +110,21 @@ fn check(args: &ExamineArgs, setting: &Setting) -> Result<(), CliError> {
     Ok(())
 }
 
+/// Refuses options that the paper's law alone has.
+#[cfg(feature = "tune")]
+fn check_hybrid(args: &ExamineArgs) -> Result<(), CliError> {
+    let what = match () {
+        () if args.at != 0.0 => "--at",
+        () if args.linearisation != LinearisationArg::Exact => "--linearisation",
+        () if args.map != [GainArg::KIf, GainArg::KW] => "--map",
+        () => return Ok(()),
+    };
+    Err(CliError::NoEffect {
+        what,
+        beside: "with the hybrid law: --controller of the paper's law has it",
+    })
+}
+
 /// Prints poles, of each complex pair one.
 fn print_poles(args: &ExamineArgs, poles: &[Complex<f64>]) -> Result<(), CliError> {
     let label = match args.linearisation {
@@ -132,6 +147,7 @@ fn print_poles(args: &ExamineArgs, poles: &[Complex<f64>]) -> Result<(), CliErro
 pub(super) fn examine(args: &ExamineArgs) -> Result<(), CliError> {
     #[cfg(feature = "tune")]
     if !args.plants.is_paper()? {
+        check_hybrid(args)?;
         return super::hybrid::examine(&args.plants, &args.out);
     }
     if let [first, second] = args.map[..]

@@ -2,8 +2,8 @@
 //! bench.
 
 use super::PlantArgs;
-use crate::analysis::hybrid::design::digits;
 use crate::analysis::hybrid::proof::{PlantProof, Subject};
+use crate::analysis::hybrid::sets::digits;
 use crate::analysis::hybrid::{
     Design, Effort, HybridError, LoopPose, LoopSpread, Noise, Problem, Proof, design,
     friction_leverage, poses,
@@ -25,7 +25,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 /// Poses of the path at which a design is made and gains are held against a scenario.
-const DESIGN_POSES: usize = 4;
+const DESIGN_POSES: usize = 9;
 
 /// `base` with what `scenario` says of its arms in its place.
 fn laid_over(base: LoopSpread, scenario: &Scenario) -> LoopSpread {
@@ -121,15 +121,16 @@ fn origin(spread: &LoopSpread, tick_rate_hz: u32) -> Vec<String> {
     ]
 }
 
-/// Refuses gains that do not hold the arms of `scenario`, naming the number to change.
+/// Holds gains against the arms of `scenario`: what a summary says of them, and why they are refused,
+/// if they are.
 ///
 /// # Errors
-/// [`CliError::Unproven`], [`CliError::Hybrid`].
-pub(in crate::cli) fn refuse_unproven(
+/// [`HybridError`].
+pub(in crate::cli) fn hold(
     plan: &Plan,
     scenario: &Scenario,
     law: &HybridParameters,
-) -> Result<(), CliError> {
+) -> Result<(Map<String, Value>, Option<String>), HybridError> {
     let arm = &plan.model.arm;
     let spread = arms_of(scenario, arm);
     let poses = poses(plan, DESIGN_POSES);
@@ -139,8 +140,20 @@ pub(in crate::cli) fn refuse_unproven(
         poses: &poses,
         tick_rate_hz: plan.tick_rate_hz,
     };
-    let proof = Proof::new(&subject, &spread, false)?;
-    verdict(&proof, &spread).map_or(Ok(()), |why| Err(CliError::Unproven { why }))
+    let proof = Proof::new(&subject, &spread, true)?;
+    let (up, down, ticks) = proof.margins();
+    let worst = proof.worst();
+    let keys = export::object([
+        ("gains", law_json(law)),
+        ("gains_stable", json!(proof.is_stable())),
+        (
+            "gains_worst_pole_per_s",
+            json!(worst.map(|p| [p.slowest.re, p.slowest.im])),
+        ),
+        ("gains_factor_margin", json!([down, up])),
+        ("gains_delay_margin_ticks", json!(ticks)),
+    ]);
+    Ok((keys, verdict(&proof, &spread)))
 }
 
 /// Why gains are refused, if they are.

@@ -56,11 +56,9 @@ fn history_panels(case: &Case) -> [Panel; 4] {
     const TICKS: usize = 5;
     let rows = &case.run.rows;
     let plan = case.plan;
-    let reference = plan.task.normal_force;
-
-    let level = case.times().iter().map(|t| [*t, reference]).collect();
+    let reference = plan.task.normal_force.largest();
     let force = vec![
-        Curve::reference("reference", level),
+        Curve::reference("reference", case.planned_force()),
         Curve::simulated("contact force", BLUE, rows, |r| r.reading.force),
     ];
     let force_axis = force_axis(force[1].values(), reference, TICKS);
@@ -143,7 +141,7 @@ const SQUASHED: f64 = 4.0;
 /// hundredth of the reference, as less cannot be seen at any scale used.
 fn force_error(case: &Case) -> f64 {
     let rms = case.run.summary.force_error_rms;
-    let visible = 0.01 * case.plan.task.normal_force.abs();
+    let visible = 0.01 * case.plan.task.normal_force.largest();
     if rms > visible { rms } else { visible }
 }
 
@@ -170,11 +168,8 @@ pub(super) fn contact_forces(cases: &[Case]) -> Result<Figure, ReportError> {
         let groups = grouped(shown.iter().copied().filter(|c| c.plant == plant).collect());
         for mut group in groups {
             group.sort_by_key(|c| names.iter().position(|n| *n == c.case));
-            let reference = group[0].plan.task.normal_force;
-            let mut curves = vec![Curve::reference(
-                "reference",
-                times.iter().map(|t| [*t, reference]).collect(),
-            )];
+            let reference = group[0].plan.task.normal_force.largest();
+            let mut curves = vec![Curve::reference("reference", group[0].planned_force())];
             for (index, case) in group.iter().enumerate() {
                 let colour = names.iter().position(|n| *n == case.case).unwrap_or(0);
                 let mut curve = Curve::simulated(

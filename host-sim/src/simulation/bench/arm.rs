@@ -113,7 +113,7 @@ impl BenchArm {
         let first = &plan.points[0];
         let along_m = parameters.surface.along(first.tip.position);
         let start = match course.gap_m {
-            None => parameters.rest(&model, along_m, plan.task.normal_force)?,
+            None => parameters.rest(&model, along_m, first.force.normal)?,
             Some(gap_m) => parameters.rest_above(&model, first.joint.angle, gap_m)?,
         };
         if parameters.substeps.is_none() {

@@ -201,7 +201,7 @@ impl<'a> Run<'a> {
             reading: *reading,
             sample: given.sample,
             tip_reference: point.tip.position,
-            force_reference: plan.task.normal_force,
+            force_reference: point.force.normal,
             along_error: surface.along(reading.tip) - surface.along(point.tip.position),
             torque: given.torque,
             saturation: given.saturation,

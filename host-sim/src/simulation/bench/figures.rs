@@ -23,7 +23,7 @@ pub struct FailureLimits {
 impl FailureLimits {
     /// The limits for a plan, m and N.
     fn of(&self, plan: &Plan) -> [f64; 2] {
-        let force = plan.task.normal_force;
+        let force = plan.task.normal_force.largest();
         let ten_times = if force > 0.0 {
             10.0 * force
         } else {

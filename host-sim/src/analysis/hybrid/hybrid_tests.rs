@@ -172,7 +172,7 @@ fn the_examples_gains_hold_what_they_are_for_and_no_more() {
     assert!(proof(&hub, [from, to]).is_stable());
     #[cfg(feature = "tune")]
     {
-        let any = design::PAPER_ARM_ANY_HUB;
+        let any = sets::PAPER_ARM_ANY_HUB;
         let unknown = LoopSpread::unknown_root_inertia(&PAPER);
         assert!(proof(&any, unknown).is_stable());
         let text = include_str!("../../../../examples/controller.toml");
