@@ -116,11 +116,7 @@ impl ScenarioArgs {
         let gains = asked_gains.or(config.controller.as_deref());
         let (arm, task) = common.load()?;
         let planned = common.plan(&arm, &task)?;
-        let law_text = law_text(gains, default_gains, &planned.plan, &config.scenario)?;
-        let named = gains.map_or("gains found for the arm".into(), |f| {
-            f.display().to_string()
-        });
-        let law = config::parse_controller(&named, &law_text)?;
+        let (law, law_text) = law_for(gains, default_gains, &planned.plan, &config.scenario)?;
         let monitors = monitors_for(&common, &arm, &planned.plan, &law)?;
         self.check_faults(&config, &planned.plan)?;
         let (board, note) = board_for(&common, &planned.plan)?;
@@ -266,6 +262,20 @@ fn text(file: Option<&Path>, default: &str) -> Result<String, ConfigError> {
         Some(file) => read_text(file, FILE_BYTES_MAX).map(|(_, text)| text),
         None => Ok(default.to_string()),
     }
+}
+
+/// The law, and its text.
+fn law_for(
+    file: Option<&Path>,
+    default: &'static str,
+    plan: &Plan,
+    scenario: &Scenario,
+) -> Result<(LawParameters, String), CliError> {
+    let text = law_text(file, default, plan, scenario)?;
+    let named = file.map_or("gains found for the arm".into(), |f| {
+        f.display().to_string()
+    });
+    Ok((config::parse_controller(&named, &text)?, text))
 }
 
 /// The text of the gains: the file's; without one the examples' where the arm is theirs, else such

@@ -353,6 +353,11 @@ impl<'a, T: TableScalar> Controller<'a, T> {
         }
     }
 
+    /// Whether the law has a motion around it that can retract and pause: the paper's has none.
+    pub fn has_motion(&self) -> bool {
+        matches!(self.feedback, Feedback::Hybrid(..))
+    }
+
     /// Lets the table stand where it is, or go on, without leaving the surface: what is called a
     /// feed hold. The paper's law goes on.
     pub fn pause(&mut self, paused: bool) {

@@ -323,6 +323,10 @@ impl<'a> Supervisor<'a> {
             && let Some(placed) = self.slot.controller()
         {
             placed.controller.retract(None);
+            // The table asks for nothing any more that the arm could be off; that it comes to rest is.
+            if placed.controller.has_motion() {
+                placed.monitors.stop();
+            }
         }
     }
 
