@@ -51,7 +51,6 @@ impl ProofArgs {
     /// # Errors
     /// [`CliError::Unproven`], [`CliError::Hybrid`].
     pub(super) fn check(&self, bench: &Bench) -> Result<Map<String, Value>, CliError> {
-        #[cfg(feature = "tune")]
         if let LawParameters::Hybrid(law) = &bench.law {
             let (plan, scenario) = (&bench.planned.plan, &bench.config.scenario);
             return match super::gains::hybrid::hold(plan, scenario, law) {
@@ -70,7 +69,6 @@ impl ProofArgs {
                 Err(why) => Err(why.into()),
             };
         }
-        let _ = bench;
         Ok(Map::new())
     }
 }
@@ -286,19 +284,16 @@ fn law_text(
     plan: &Plan,
     scenario: &Scenario,
 ) -> Result<String, CliError> {
-    #[cfg(feature = "tune")]
     if file.is_none()
         && default == config::DEFAULT_CONTROLLER
         && (plan.model.arm != ArmParameters::PAPER || plan.tick_rate_hz != EXAMPLES_RATE_HZ)
     {
         return super::gains::hybrid::designed_text(plan, scenario);
     }
-    let _ = (plan, scenario);
     Ok(text(file, default)?)
 }
 
 /// Control rate of the gains in the examples, Hz.
-#[cfg(feature = "tune")]
 const EXAMPLES_RATE_HZ: u32 = 5000;
 
 /// The arm's thresholds where it has any, and those of the plan.

@@ -114,7 +114,6 @@ pub(super) enum CliError {
         "demo's fast case, the task in a fifth of its duration_s, cannot be planned: {0}; `flexor run` runs a task as it is"
     )]
     Fast(Box<CliError>),
-    #[cfg(feature = "tune")]
     #[error("{what} {}; accepted: from 0 to {}", Shortest(*value), Shortest(*most))]
     Margin {
         what: &'static str,
@@ -195,7 +194,6 @@ impl CliError {
             | Self::Range(_)
             | Self::TableFit(TableFitError::Inexact { .. })
             | Self::Run(_) => 2,
-            #[cfg(feature = "tune")]
             Self::Margin { .. } => 2,
             #[cfg(feature = "target")]
             Self::Pil(

@@ -111,7 +111,6 @@ fn check(args: &ExamineArgs, setting: &Setting) -> Result<(), CliError> {
 }
 
 /// Refuses options that the paper's law alone has.
-#[cfg(feature = "tune")]
 fn check_hybrid(args: &ExamineArgs) -> Result<(), CliError> {
     let what = match () {
         () if args.at != 0.0 => "--at",
@@ -145,7 +144,6 @@ fn print_poles(args: &ExamineArgs, poles: &[Complex<f64>]) -> Result<(), CliErro
 
 /// Examines the gains, and writes and prints what was found.
 pub(super) fn examine(args: &ExamineArgs) -> Result<(), CliError> {
-    #[cfg(feature = "tune")]
     if !args.plants.is_paper()? {
         check_hybrid(args)?;
         return super::hybrid::examine(&args.plants, &args.out);

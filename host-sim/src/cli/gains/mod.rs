@@ -2,9 +2,7 @@
 //! `flexor gains tune`: find good ones.
 
 mod examine;
-#[cfg(feature = "tune")]
 pub(super) mod hybrid;
-#[cfg(feature = "tune")]
 mod tune;
 
 use super::bench::ScenarioArgs;
@@ -21,7 +19,6 @@ use crate::plant::spread::{PlantVariant, Spread};
 use crate::simulation::cases;
 use crate::text::Shortest;
 use clap::Args;
-#[cfg(feature = "tune")]
 use clap::Subcommand;
 use flexor::control::PaperParameters;
 use serde_json::{Map, Value, json};
@@ -31,14 +28,12 @@ use std::path::{Path, PathBuf};
 #[derive(Args)]
 #[command(args_conflicts_with_subcommands = true)]
 pub(super) struct GainsArgs {
-    #[cfg(feature = "tune")]
     #[command(subcommand)]
     command: Option<GainsCommand>,
     #[command(flatten)]
     examine: examine::ExamineArgs,
 }
 
-#[cfg(feature = "tune")]
 #[derive(Subcommand)]
 enum GainsCommand {
     /// Finds the gains and filters with the least predicted force error over a spread of
@@ -56,7 +51,6 @@ enum GainsCommand {
 }
 
 /// Arguments of `gains design`.
-#[cfg(feature = "tune")]
 #[derive(Args)]
 struct DesignArgs {
     #[command(flatten)]
@@ -161,7 +155,6 @@ impl PlantArgs {
 
 /// Runs `gains`.
 pub(super) fn command(args: &GainsArgs) -> Result<(), CliError> {
-    #[cfg(feature = "tune")]
     match &args.command {
         Some(GainsCommand::Tune(args)) => return tune::tune_command(args),
         Some(GainsCommand::Design(args)) => {
