@@ -578,6 +578,24 @@ fn accuracy_comes_as_json_figures_and_a_page() {
 }
 
 #[test]
+fn without_feedback_a_force_that_stands_still_is_no_fault() {
+    let out = folder("feedforward_bench");
+    let out = out.to_str().unwrap();
+    // Perfect readings: the force is the planned one, to less than a count, over the whole path.
+    let run = [
+        "run",
+        "--mode",
+        "feedforward",
+        "--require-completed",
+        "--json",
+        "--out",
+        out,
+    ];
+    let result = json(&flexor(&run));
+    assert_eq!(result["outcome"], "completed");
+}
+
+#[test]
 fn a_run_in_fixed_point_counts_saturations_and_refuses_what_does_not_fit() {
     let out = folder("fixed");
     let out = out.to_str().unwrap();

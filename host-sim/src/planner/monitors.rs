@@ -38,7 +38,7 @@ pub fn planned_speed(plan: &Plan) -> [f64; 2] {
 
 /// Thresholds for arms that differ from the plan as a careful, but uncalibrated set-up does: beyond
 /// what 500 of those show, and beyond what is planned. Without a gauge in the law (no torque loop)
-/// nothing is asked of one.
+/// nothing is asked of one, and without feedback nothing of the force cell either.
 pub fn default_monitors(plan: &Plan, law: &LawParameters) -> MonitorParameters {
     let slopes = plan.points.iter().map(|point| point.root_slope.abs());
     let root_slope = slopes.fold(0.0, f64::max);
@@ -46,9 +46,9 @@ pub fn default_monitors(plan: &Plan, law: &LawParameters) -> MonitorParameters {
     let of_force = plan.model.arm.link2_length_m * force;
     let moment =
         |[force, torque]: [f64; 2]| LEAST_NM.max(force * of_force + torque * plan.peaks.torque[1]);
-    let gauge = match law {
-        LawParameters::Hybrid(hybrid) => hybrid.torque_loop_per_s > 0.0,
-        LawParameters::Paper(_) => true,
+    let (gauge, cell) = match law {
+        LawParameters::Hybrid(hybrid) => (hybrid.torque_loop_per_s > 0.0, true),
+        LawParameters::Paper(paper) => (paper.has_feedback(), paper.has_feedback()),
     };
     let of_gauge = |threshold: f64| {
         if gauge {
@@ -62,7 +62,11 @@ pub fn default_monitors(plan: &Plan, law: &LawParameters) -> MonitorParameters {
     MonitorParameters {
         path_rad: [PATH1_RAD as f32, path2 as f32],
         speed_rad_s: [0, 1].map(|i| (SPEED_SHARES[i] * speed[i] + SPEED_RAD_S) as f32),
-        force_n: (FORCE_SHARE * force + FORCE_N) as f32,
+        force_n: if cell {
+            (FORCE_SHARE * force + FORCE_N) as f32
+        } else {
+            f32::INFINITY
+        },
         root_moment_nm: of_gauge(moment(MOMENT_SHARES)),
         balance_nm: BALANCE_SHARES.map(|shares| of_gauge(moment(shares))),
     }

@@ -9,7 +9,7 @@
 //! | root moment | wanted less measured moment, filtered over 10 ms | `root_moment_nm` | root_moment | stop |
 //! | balance | measured moment less that of the plan and the measured force, filtered over 50 ms and 200 ms | `balance_nm`, of the two | force_balance | stop |
 //! | force band | contact force less the planned one, filtered over 10 ms and 200 ms | six times `force_n`, and once | force_band | stop |
-//! | frozen converter | each converter's count | the one before, for 0.2 s in which a motor has turned by 0.1 rad | sensor_frozen | stop |
+//! | frozen converter | each converter's count | the one before, for 0.2 s in which a motor has turned by 0.1 rad; only where `force_n`, or `root_moment_nm`, is a limit | sensor_frozen | stop |
 //! | stop | each motor's speed, once a stop has been ordered | twice `speed_rad_s`, and once after 0.1 s | stop_not_obeyed | off |
 //!
 //! The first eight end with the first finding: what is wrong then goes on being wrong while the arm
@@ -44,7 +44,7 @@ pub struct MonitorParameters {
 }
 
 impl MonitorParameters {
-    /// Nothing is monitored but the encoders' steps beyond any speed, and frozen converters.
+    /// Nothing is monitored but the encoders' steps beyond any speed.
     pub const NONE: Self = Self {
         path_rad: [f32::INFINITY; 2],
         speed_rad_s: [f32::INFINITY; 2],
@@ -341,6 +341,9 @@ impl Monitors {
         {
             Some(Fault::ForceBand)
         } else {
+            // What is held to no band feeds nothing: without feedback a force may stand still for good.
+            let force = force && self.limits.force_n < f32::INFINITY;
+            let strain = strain && self.limits.root_moment_nm < f32::INFINITY;
             (force | strain).then_some(Fault::SensorFrozen)
         }
     }
