@@ -4,7 +4,7 @@
 //! command and a reading: drive lag, delay, compliant contact, friction of a given direction, and the
 //! inertia at link 2's root as a range ([`plant`]). The law is [`flexor::control::HybridLaw`] itself
 //! ([`closed`]). A [`LoopSpread`] says which arms must hold, a [`Proof`] whether they do and with
-//! what margin, [`design`] finds gains that do.
+//! what margin, [`mod@design`] finds gains that do.
 //!
 //! Glossary: a *pole* is a rate, 1/s, stable with a negative real part; *hub* means the inertia that
 //! turns with link 2's root, of rotor and hub; *stress* is a gain or a delay beyond what is there.
