@@ -2,7 +2,8 @@
 
 use super::plan::Planned;
 use super::{
-    CliError, Common, ModelArg, Output, pages, print, print_facts, progress_bar, results, say,
+    CliError, Common, ModelArg, Output, own_gains, pages, print, print_facts, progress_bar,
+    results, say,
 };
 use crate::campaign::identity::CampaignInput;
 use crate::campaign::scenario::Scenario;
@@ -53,7 +54,7 @@ impl ProofArgs {
     pub(super) fn check(&self, bench: &Bench) -> Result<Map<String, Value>, CliError> {
         if let LawParameters::Hybrid(law) = &bench.law {
             let (plan, scenario) = (&bench.planned.plan, &bench.config.scenario);
-            return match super::gains::hybrid::hold(plan, scenario, law) {
+            return match own_gains::hold(plan, scenario, law) {
                 Ok((keys, None)) => Ok(keys),
                 Ok((keys, Some(why))) if self.unproven => {
                     let refusal = CliError::Unproven { why };
@@ -288,7 +289,7 @@ fn law_text(
         && default == config::DEFAULT_CONTROLLER
         && (plan.model.arm != ArmParameters::PAPER || plan.tick_rate_hz != EXAMPLES_RATE_HZ)
     {
-        return super::gains::hybrid::designed_text(plan, scenario);
+        return own_gains::designed_text(plan, scenario);
     }
     Ok(text(file, default)?)
 }

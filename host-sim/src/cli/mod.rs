@@ -17,6 +17,7 @@ mod error;
 mod folder;
 mod gains;
 mod output;
+mod own_gains;
 #[cfg_attr(not(feature = "report"), path = "no_pages.rs")]
 mod pages;
 #[cfg(feature = "target")]

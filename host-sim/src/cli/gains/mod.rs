@@ -2,7 +2,7 @@
 //! `flexor gains tune`: find good ones.
 
 mod examine;
-pub(super) mod hybrid;
+mod hybrid;
 mod tune;
 
 use super::bench::ScenarioArgs;
