@@ -581,11 +581,20 @@ fn accuracy_comes_as_json_figures_and_a_page() {
 fn without_feedback_a_force_that_stands_still_is_no_fault() {
     let out = folder("feedforward_bench");
     let out = out.to_str().unwrap();
-    // Perfect readings: the force is the planned one, to less than a count, over the whole path.
+    // Perfect readings: with a hub and a fine link the force is the planned one, to less than a count,
+    // over half the path.
+    let arm = Path::new(out).join("arm.toml");
+    let hub = ARM.replacen("elements = 3", "elements = 8\nroot_inertia_kgm2 = 1e-3", 1);
+    assert_ne!(hub, ARM);
+    std::fs::write(&arm, hub).unwrap();
     let run = [
         "run",
+        "--arm",
+        arm.to_str().unwrap(),
         "--mode",
         "feedforward",
+        "--plant-elements",
+        "8",
         "--require-completed",
         "--json",
         "--out",

@@ -319,6 +319,17 @@ impl Bench {
         }
     }
 
+    /// Runs another law. One without feedback asks nothing of force cell and gauge, and so do the
+    /// monitors.
+    pub(super) fn take_law(&mut self, law: LawParameters) {
+        if law.paper().is_some_and(|paper| !paper.has_feedback()) {
+            self.monitors.force_n = f32::INFINITY;
+            self.monitors.root_moment_nm = f32::INFINITY;
+            self.monitors.balance_nm = [f32::INFINITY; 2];
+        }
+        self.law = law;
+    }
+
     /// What every arm is to do.
     pub(super) fn task(&self) -> BenchTask<'_> {
         BenchTask {

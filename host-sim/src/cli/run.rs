@@ -230,7 +230,7 @@ fn run_on_bench(args: &RunArgs) -> Result<(), CliError> {
         simulation.default_controller(),
     )?;
     simulation.check_mode(&bench.law)?;
-    bench.law = simulation.mode(&bench.law).of(&bench.law);
+    bench.take_law(simulation.mode(&bench.law).of(&bench.law));
     let plan = &bench.planned.plan;
     if let Some(file) = &simulation.table {
         bench.planned.table.image = read_table(file, plan)?;
