@@ -61,7 +61,9 @@ impl ProofArgs {
                     say(format_args!("warning: {refusal}"));
                     Ok(keys)
                 }
-                Ok((_, Some(why))) => Err(CliError::Unproven { why }),
+                Ok((_, Some(why))) => Err(CliError::Unproven {
+                    why: why + "; --unproven runs them all the same",
+                }),
                 // What cannot be examined, as a friction that no gains bear.
                 Err(why) if self.unproven => {
                     say(format_args!("warning: {why}"));

@@ -101,7 +101,7 @@ pub(super) enum CliError {
     },
     #[error(transparent)]
     Hybrid(#[from] HybridError),
-    #[error("these gains do not hold every arm: {why}; --unproven runs them all the same")]
+    #[error("these gains do not hold every arm: {why}")]
     Unproven { why: String },
     #[error("--root-inertia-kgm2 {} {}; accepted: an inertia in kg m^2 from 0 to 1000, and no smaller one", Shortest(*low), Shortest(*high))]
     RootInertia { low: f64, high: f64 },

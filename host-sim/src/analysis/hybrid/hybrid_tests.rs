@@ -308,12 +308,12 @@ mod found {
         }
     }
 
-    /// Arms of the literature whose loops the paper's arm's gains do not hold: the flexible
-    /// second link of De Luca and Siciliano (1990), and an arm of other proportions, elbow up.
+    /// A heavier and stiffer link with a motor's rotor at its root, an arm of other proportions, and the
+    /// paper's, elbow up.
     #[test]
     fn other_arms_get_gains_of_their_own() {
         let [_, other] = crate::testing::arms();
-        let mut de_luca = ArmParameters {
+        let mut heavy = ArmParameters {
             link1_length_m: 0.5,
             link1_mass_kg: 8.0,
             link2_length_m: 0.5,
@@ -322,7 +322,7 @@ mod found {
             damping_ratio: 0.01,
             ..PAPER
         };
-        de_luca.root_inertia_kgm2 = 0.01;
+        heavy.root_inertia_kgm2 = 0.01;
         let up = ArmParameters {
             elbow: Elbow::Up,
             root_inertia_kgm2: 1e-4,
@@ -333,7 +333,7 @@ mod found {
                 gravity_m_s2: [0.0, 9.81],
                 ..other
             },
-            de_luca,
+            heavy,
             up,
         ] {
             let task = config::parse_task("task", TASK).unwrap();

@@ -3,8 +3,7 @@
 use super::problem::Scales;
 use flexor::control::{FreeParameters, HybridParameters, MotionParameters};
 
-/// The paper's arm: frequency of its contact mode (rad/s) and `3 EI / r2` (N m/rad), which its gains
-/// belong to.
+/// The paper's arm's, which its gains belong to.
 const PAPER_SCALES: Scales = Scales {
     frequency: 34.5,
     stiffness: 2.618,
@@ -15,7 +14,7 @@ const PAPER_SCALES: Scales = Scales {
 /// of K_IF, B2, its filter, k2, K_T and w, then z's logit, g, h.
 pub(super) type Numbers = Vec<f64>;
 
-/// Their scales: factors on the paper's arm's.
+/// The gains in contact that `numbers` are for an arm of the scales `s`; joint 1's are left open.
 pub(super) fn contact_of(numbers: &[f64], s: &Scales) -> HybridParameters {
     let (time, stiffness) = (
         s.frequency / PAPER_SCALES.frequency,

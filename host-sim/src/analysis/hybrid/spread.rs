@@ -1,6 +1,6 @@
 //! Which arms gains must hold.
 
-use super::plant::{ELEMENTS, LoopPlant};
+use super::plant::LoopPlant;
 use flexor::model::ArmParameters;
 
 /// A plant with a name for messages.
@@ -210,10 +210,5 @@ impl LoopSpread {
             roots.push(high);
         }
         roots
-    }
-
-    /// Elements that its plants have.
-    pub fn elements() -> usize {
-        ELEMENTS
     }
 }

@@ -23,7 +23,8 @@ use std::time::Instant;
 struct Setting {
     bench: Bench,
     spread: LoopSpread,
-    law: HybridParameters,
+    /// What the commands take, if it is of this law: a scenario may name the paper's.
+    law: Option<HybridParameters>,
 }
 
 impl PlantArgs {
@@ -47,9 +48,8 @@ impl PlantArgs {
             spread.root_inertia_kgm2 = [low, high];
         }
         let law = match &bench.law {
-            LawParameters::Hybrid(law) => *law,
-            // Which of the two it is was looked at before.
-            LawParameters::Paper(_) => HybridParameters::PAPER_ARM_HUB,
+            LawParameters::Hybrid(law) => Some(*law),
+            LawParameters::Paper(_) => None,
         };
         Ok(Setting { bench, spread, law })
     }
@@ -59,22 +59,16 @@ impl PlantArgs {
 pub(super) fn examine(args: &PlantArgs, out: &Path) -> Result<(), CliError> {
     let output = Output::open(out, args.hybrid_inputs())?;
     let setting = args.hybrid_setting()?;
+    let law = setting.law.ok_or(CliError::NoEffect {
+        what: "--scenario",
+        beside: "with the paper's law, which its controller has: --controller names gains of the hybrid law",
+    })?;
     let since = Instant::now();
-    let proof = setting.prove(&setting.law, args.points as usize)?;
+    let proof = setting.prove(&law, args.points as usize, true)?;
     let wall_ms = since.elapsed().as_secs_f64() * 1e3;
     let keys = export::object([("wall_ms", json!(wall_ms))]);
     let facts = vec![("examined in".into(), format!("{wall_ms:.0} ms"))];
-    setting.report(
-        output,
-        &setting.law,
-        &proof,
-        (keys, facts),
-        args.common.json,
-    )?;
-    match verdict(&proof, &setting.spread) {
-        None => Ok(()),
-        Some(why) => Err(CliError::Unproven { why }),
-    }
+    setting.report(output, &law, &proof, (keys, facts), args.common.json)
 }
 
 /// `flexor gains design`: gains for the arm at hand.
@@ -84,7 +78,7 @@ pub(super) fn design_command(args: &PlantArgs, out: &Path) -> Result<(), CliErro
     let since = Instant::now();
     let found = designed(&setting.bench.planned.plan, setting.spread, Effort::Design)?;
     let design_ms = since.elapsed().as_secs_f64() * 1e3;
-    let proof = setting.prove(&found.law, args.points as usize)?;
+    let proof = setting.prove(&found.law, args.points as usize, true)?;
     let keys = export::object([
         ("design_ms", json!(design_ms)),
         ("laws_tried", json!(found.tried)),
@@ -109,7 +103,7 @@ pub(super) fn design_command(args: &PlantArgs, out: &Path) -> Result<(), CliErro
 pub(super) fn tune_command(args: &PlantArgs, seed: u64, out: &Path) -> Result<(), CliError> {
     let output = Output::open(out, args.hybrid_inputs())?;
     let mut setting = args.hybrid_setting()?;
-    if args.scenario.scenario.is_none() {
+    if args.scenario.scenario.is_none() && args.scenario.set.is_empty() {
         // The bench's own noise and spread, without the files that its scenario names.
         let (name, text) = ("bench.toml", BENCH_SCENARIO);
         let mut own = config::parse_scenario(name, text)?.scenario;
@@ -130,7 +124,7 @@ pub(super) fn tune_command(args: &PlantArgs, seed: u64, out: &Path) -> Result<()
     let progress = progress_bar(BENCH_TRIALS, "sets tried on the bench, {eta} left");
     let mut candidates = vec![];
     if args.controller.is_some() {
-        candidates.push(setting.law);
+        candidates.extend(setting.law);
     }
     for effort in [Effort::Design, Effort::Tune] {
         match designed(plan, setting.spread, effort) {
@@ -146,7 +140,7 @@ pub(super) fn tune_command(args: &PlantArgs, seed: u64, out: &Path) -> Result<()
     let (law, score, tried) = tuner.tune(&candidates, &|| progress.inc(1))?;
     progress.finish_and_clear();
     let wall_ms = since.elapsed().as_secs_f64() * 1e3;
-    let proof = setting.prove(&law, args.points as usize)?;
+    let proof = setting.prove(&law, args.points as usize, true)?;
     let keys = export::object([
         ("wall_ms", json!(wall_ms)),
         ("seed", json!(seed)),
@@ -248,6 +242,9 @@ impl BenchTuner<'_> {
         let mut tried = 0;
         let mut best: Option<(HybridParameters, Score)> = None;
         for law in candidates {
+            if !self.setting.prove(law, DESIGN_POSES, false)?.is_stable() {
+                continue;
+            }
             let score = self.score(law)?;
             progress();
             tried += 1;
@@ -265,7 +262,7 @@ impl BenchTuner<'_> {
                 for factor in [step, 1.0 / step] {
                     let other = change(&law, factor);
                     progress();
-                    if !self.setting.prove(&other, DESIGN_POSES)?.is_stable() {
+                    if !self.setting.prove(&other, DESIGN_POSES, false)?.is_stable() {
                         continue;
                     }
                     let found = self.score(&other)?;
@@ -328,8 +325,13 @@ impl PlantArgs {
 }
 
 impl Setting {
-    /// The proof of `law`, margins included, at so many points of the path.
-    fn prove(&self, law: &HybridParameters, points: usize) -> Result<Proof, CliError> {
+    /// The proof of `law` at so many points of the path, with margins if they are asked for.
+    fn prove(
+        &self,
+        law: &HybridParameters,
+        points: usize,
+        margins: bool,
+    ) -> Result<Proof, CliError> {
         let plan = &self.bench.planned.plan;
         let poses: Vec<LoopPose> = poses(plan, points);
         let subject = Subject {
@@ -338,7 +340,7 @@ impl Setting {
             poses: &poses,
             tick_rate_hz: plan.tick_rate_hz,
         };
-        Ok(Proof::new(&subject, &self.spread, points > DESIGN_POSES)?)
+        Ok(Proof::new(&subject, &self.spread, margins)?)
     }
 
     fn write_law(&self, output: &Output, law: &HybridParameters) -> Result<(), CliError> {
@@ -364,14 +366,19 @@ impl Setting {
         output.json("summary.json", &summary)?;
         let place = output.folder().display().to_string();
         output.commit()?;
+        // Also of gains that were just found: they were found at fewer poses.
+        let refused =
+            verdict(proof, &self.spread).map_or(Ok(()), |why| Err(CliError::Unproven { why }));
         if json {
-            return print(&summary);
+            print(&summary)?;
+            return refused;
         }
         let mut all = law_facts(law);
         all.extend(proof_facts(proof, &self.spread));
         all.extend(facts);
         print_facts(&all)?;
-        print(format_args!("\nproof.csv and summary.json are in {place}"))
+        print(format_args!("\nproof.csv and summary.json are in {place}"))?;
+        refused
     }
 }
 
@@ -484,17 +491,23 @@ fn proof_facts(proof: &Proof, spread: &LoopSpread) -> Vec<(String, String)> {
 }
 
 /// A row an arm.
-fn proof_csv(proof: &Proof, mut to: &mut dyn Write) -> std::io::Result<()> {
-    writeln!(
-        to,
-        "plant,pole_re_per_s,pole_im_per_s,t_s,gain_up,gain_down,delay_ticks"
-    )?;
+fn proof_csv(proof: &Proof, to: &mut dyn Write) -> std::io::Result<()> {
+    let mut csv = csv::Writer::from_writer(to);
+    csv.write_record([
+        "plant",
+        "pole_re_per_s",
+        "pole_im_per_s",
+        "t_s",
+        "gain_up",
+        "gain_down",
+        "delay_ticks",
+    ])?;
     for p in proof.all() {
-        writeln!(
-            &mut to,
-            "\"{}\",{},{},{},{},{},{}",
-            p.name, p.slowest.re, p.slowest.im, p.t_s, p.gain_up, p.gain_down, p.ticks
-        )?;
+        let numbers = [p.slowest.re, p.slowest.im, p.t_s, p.gain_up, p.gain_down];
+        let mut row = vec![p.name.clone()];
+        row.extend(numbers.iter().map(ToString::to_string));
+        row.push(p.ticks.to_string());
+        csv.write_record(row)?;
     }
-    Ok(())
+    csv.flush()
 }
