@@ -47,7 +47,8 @@
 
 use crate::control::filter::low_pass;
 use crate::control::hybrid::{HybridLaw, HybridState};
-use crate::control::motion_parameters::{FULL, LIFT_MOST, LOSSES, PRESSING_STEPS};
+use crate::control::motion_parameters::{LIFT_MOST, LOSSES, PRESSING_STEPS};
+use crate::control::slowed::FULL;
 use crate::fault::{Fault, Reaction};
 use crate::number::{Scalar, TableScalar};
 use crate::phase::Phase;
@@ -120,6 +121,8 @@ pub(super) struct Motion<T: Scalar> {
     /// Table's speed in 2^-16 ticks a tick, and the part of a tick gone beyond the cursor's.
     rate: u32,
     part: u32,
+    /// What the last tick has added to the speed.
+    change: i32,
     /// The table is to stand still, by the operator's wish.
     paused: bool,
     forces: Forces<T>,
@@ -159,6 +162,7 @@ impl<T: TableScalar> Motion<T> {
             plain: false,
             rate: 0,
             part: 0,
+            change: 0,
             paused: false,
             forces: Forces::default(),
             offset: T::ZERO,
@@ -268,6 +272,11 @@ impl<T: TableScalar> Motion<T> {
         saturations: &mut SaturationCounts<T::SaturationCount>,
     ) -> (PoseSetpoint<T>, bool) {
         let mut setpoint = self.counted(cursor.pose(self.part));
+        if self.begun && self.rate != FULL {
+            let (speed, links) = ((self.rate, self.change), cursor.links(self.part));
+            let slowed = &law.motion.slowed;
+            slowed.apply(law, speed, &links, &mut setpoint, saturations);
+        }
         let reading = &mut Reading {
             setpoint: &mut setpoint,
             measured,
@@ -634,6 +643,7 @@ impl<T: TableScalar> Motion<T> {
         let runs = self.begun
             && !self.paused
             && !matches!(self.state, State::Retract { .. } | State::Hold);
+        let before = self.rate;
         if runs {
             // A part that is left at full speed is caught up a sixteenth of a tick at a time.
             let step = law.motion.stop_step;
@@ -647,6 +657,7 @@ impl<T: TableScalar> Motion<T> {
             self.rate = self.rate.saturating_sub(law.motion.stop_step);
             self.part += self.rate;
         }
+        self.change = self.rate.cast_signed() - before.cast_signed();
         let goes = self.part >= FULL;
         if goes {
             self.part -= FULL;

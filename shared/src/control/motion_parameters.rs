@@ -2,6 +2,8 @@
 //! [motion](crate::control::motion), as a file gives them and as a tick counts with them.
 
 use crate::control::filter::filter_alpha;
+use crate::control::slowed::{FULL, SlowedPlan};
+use crate::model::ArmParameters;
 use crate::number::{Scalar, SiScalar};
 use crate::signals::Formats;
 use serde::{Deserialize, Serialize};
@@ -108,9 +110,6 @@ pub(super) const LOSSES: u8 = 20;
 /// is lifted on.
 pub(super) const LIFT_MOST: u32 = 8;
 
-/// A table's speed of one tick a tick.
-pub(super) const FULL: u32 = 1 << 16;
-
 /// The motion's thresholds and steps in the tick's number type.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "")]
@@ -139,13 +138,16 @@ pub(super) struct MotionCoefficients<T: Scalar> {
     pub(super) judged_share: T::Gain,
     pub(super) pressing: T::Gain,
     pub(super) share: T::Alpha,
+    /// The plan's torques at less than full speed.
+    pub(super) slowed: SlowedPlan<T>,
 }
 
 impl<T: SiScalar> MotionCoefficients<T> {
     /// The coefficients at `tick_rate_hz`, for signals of the given formats.
     pub(super) fn new(
         parameters: &MotionParameters,
-        tick_rate_hz: u32,
+        (arm, tick_rate_hz): (&ArmParameters, u32),
+        fine: T::Shift,
         formats: &Formats<T::Format>,
     ) -> Self {
         let p = parameters.sent();
@@ -161,6 +163,7 @@ impl<T: SiScalar> MotionCoefficients<T> {
                 0
             }
         };
+        let stop_step = FULL / of_time(p.stop_s).clamp(1, FULL);
         Self {
             settle_ticks: of_time(p.settle_s),
             patience_ticks: of_time(PATIENCE_S),
@@ -172,7 +175,7 @@ impl<T: SiScalar> MotionCoefficients<T> {
             approach_turn: T::from_rad(p.approach_speed_m_s / rate),
             lift_turn: T::from_rad(p.lift_speed_m_s / rate),
             turn: T::shift(T::SINE, formats.moment_arm, T::SINE),
-            stop_step: FULL / of_time(p.stop_s).clamp(1, FULL),
+            stop_step,
             contact: [share(p.contact_on_share), share(p.contact_off_share)],
             believed: BELIEVED_S.map(|time_s| of_time(time_s).max(1)),
             force_step: share(p.force_ramp_per_s / rate),
@@ -180,6 +183,7 @@ impl<T: SiScalar> MotionCoefficients<T> {
             judged_share: share(JUDGED.1),
             pressing: share(PRESSING),
             share: alpha(SHARE_HZ),
+            slowed: SlowedPlan::new(arm, (tick_rate_hz, stop_step), fine, formats),
         }
     }
 }
