@@ -335,12 +335,8 @@ impl<T: Scalar> HybridLaw<T> {
     }
 
     /// Joint 2's torque of a force (N) along the normal, N m.
-    pub(super) fn force_on_joint2(
-        &self,
-        setpoint: &PoseSetpoint<T>,
-        force: T,
-        count: &mut T::SaturationCount,
-    ) -> T {
+    pub(super) fn force_on_joint2(&self, setpoint: &PoseSetpoint<T>, force: T) -> T {
+        let count = &mut T::SaturationCount::default();
         setpoint.moment_arm.times(force, self.torque[1], count)
     }
 

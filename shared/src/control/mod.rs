@@ -10,7 +10,8 @@
 //! | `hybrid_parameters` | its gains, as a file gives them |
 //! | `motion` | its course: approach, contact, follow, lost, retract, hold |
 //! | `motion_parameters` | its thresholds, speeds and times |
-//! | `slowed` | its torques where the table goes slower than planned |
+//! | `progress` | how far the table goes on in a tick |
+//! | `slowed` | joint 1's torque where the table goes slower than planned |
 //! | `filter` | the low-pass of both |
 //! | `limiter` | torque limits and the finite check behind everything |
 //! | `controller` | the one `tick` that joins cursor, law and limiter |
@@ -30,6 +31,7 @@ mod motion_parameters;
 #[cfg(test)]
 mod motion_tests;
 mod paper;
+mod progress;
 mod slowed;
 
 pub use controller::{Coefficients, Command, Controller, Mismatch};

@@ -2,7 +2,7 @@
 //! [motion](crate::control::motion), as a file gives them and as a tick counts with them.
 
 use crate::control::filter::filter_alpha;
-use crate::control::slowed::{FULL, SlowedPlan};
+use crate::control::slowed::SlowedPlan;
 use crate::model::ArmParameters;
 use crate::number::{Scalar, SiScalar};
 use crate::signals::Formats;
@@ -126,8 +126,8 @@ pub(super) struct MotionCoefficients<T: Scalar> {
     pub(super) lift_turn: T,
     /// What makes a moment arm (m) times an angle such a way.
     pub(super) turn: T::Shift,
-    /// What a stop takes from the table's rate in a tick.
-    pub(super) stop_step: u32,
+    /// Of a stop that throws no link.
+    pub(super) stop_ticks: u32,
     /// f_on and f_off, shares of the table's first force.
     pub(super) contact: [T::Gain; 2],
     /// Ticks until they are believed.
@@ -163,7 +163,7 @@ impl<T: SiScalar> MotionCoefficients<T> {
                 0
             }
         };
-        let stop_step = FULL / of_time(p.stop_s).clamp(1, FULL);
+        let stop_ticks = of_time(p.stop_s);
         Self {
             settle_ticks: of_time(p.settle_s),
             patience_ticks: of_time(PATIENCE_S),
@@ -175,7 +175,7 @@ impl<T: SiScalar> MotionCoefficients<T> {
             approach_turn: T::from_rad(p.approach_speed_m_s / rate),
             lift_turn: T::from_rad(p.lift_speed_m_s / rate),
             turn: T::shift(T::SINE, formats.moment_arm, T::SINE),
-            stop_step,
+            stop_ticks,
             contact: [share(p.contact_on_share), share(p.contact_off_share)],
             believed: BELIEVED_S.map(|time_s| of_time(time_s).max(1)),
             force_step: share(p.force_ramp_per_s / rate),
@@ -183,7 +183,7 @@ impl<T: SiScalar> MotionCoefficients<T> {
             judged_share: share(JUDGED.1),
             pressing: share(PRESSING),
             share: alpha(SHARE_HZ),
-            slowed: SlowedPlan::new(arm, (tick_rate_hz, stop_step), fine, formats),
+            slowed: SlowedPlan::new(arm, (tick_rate_hz, stop_ticks), fine, formats),
         }
     }
 }

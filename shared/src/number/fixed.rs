@@ -383,10 +383,6 @@ impl SiScalar for Fixed {
         ShiftedGain::new(value * core::f64::consts::PI / to.range())
     }
 
-    fn turn_gain(value: f64, from: Exponent) -> ShiftedGain {
-        ShiftedGain::new(value * from.range() / core::f64::consts::PI)
-    }
-
     fn fine_shift(largest: f64) -> u8 {
         let turned = Exponent::holding(largest / core::f64::consts::PI);
         (-i32::from(turned.0)).clamp(0, 30) as u8

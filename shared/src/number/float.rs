@@ -169,10 +169,6 @@ macro_rules! float {
                 <Self as Real>::from_f64(value)
             }
 
-            fn turn_gain(value: f64, (): ()) -> Self {
-                <Self as Real>::from_f64(value)
-            }
-
             fn fine_shift(_: f64) {}
 
             fn fine_gain(value: f64, (): (), (): ()) -> Self {

@@ -194,9 +194,6 @@ pub trait SiScalar: Scalar {
     /// The constant `value`, in the unit of a signal of format `to` a radian, that takes an angle
     /// into that signal.
     fn angle_gain(value: f64, to: Self::Format) -> Self::Gain;
-    /// The constant `value`, in rad a unit of a signal of format `from`, that takes that signal into
-    /// an angle.
-    fn turn_gain(value: f64, from: Self::Format) -> Self::Gain;
     /// What makes angles up to `largest` (rad) as fine as their format allows: a shift for
     /// [`Scalar::fine`].
     fn fine_shift(largest: f64) -> Self::Shift;

@@ -48,8 +48,6 @@ pub(crate) struct Links<T> {
     pub(crate) angle: [T; 2],
     /// What they turn in a tick, rad.
     pub(crate) turn: [T; 2],
-    /// w'(0), rad.
-    pub(crate) root_slope: T,
     /// Direction of the surface normal, rad.
     pub(crate) normal: T,
 }
@@ -314,8 +312,8 @@ impl<'a, T: TableScalar> Cursor<'a, T> {
         };
         let u = self.position(part);
         let [theta10, theta20] = COLUMN.angle;
-        let columns = [theta10, theta20, COLUMN.root_slope, COLUMN.normal_angle];
-        let [angle1, angle2, root_slope, normal] = self.values(rows, columns, u);
+        let columns = [theta10, theta20, COLUMN.normal_angle];
+        let [angle1, angle2, normal] = self.values(rows, columns, u);
         let tick = T::fraction(self.piece.segments, self.phase_unit);
         Links {
             angle: [angle1, angle2],
@@ -325,7 +323,6 @@ impl<'a, T: TableScalar> Cursor<'a, T> {
                 let slope = Cubic::slope(points, u).times_in_range::<1>(tick);
                 T::from_spline(slope, scale)
             }),
-            root_slope,
             normal,
         }
     }

@@ -143,10 +143,6 @@ impl SiScalar for Exact {
         value * PI / to.range()
     }
 
-    fn turn_gain(value: f64, from: Exponent) -> f64 {
-        value * from.range() / PI
-    }
-
     fn fine_shift(largest: f64) -> f64 {
         libm::ldexp(1.0, i32::from(Fixed::fine_shift(largest)))
     }
