@@ -33,6 +33,8 @@ mod motion_tests;
 mod paper;
 mod progress;
 mod slowed;
+#[cfg(test)]
+mod slowed_tests;
 
 pub use controller::{Coefficients, Command, Controller, Mismatch};
 pub use feedback::Coefficient;

@@ -91,12 +91,11 @@ impl Progress {
         let before = self.rate;
         if up {
             self.rate += self.step(FULL - self.rate);
-            // A part that is left at full speed is caught up a sixteenth of a tick at a time.
-            let gap = (FULL - self.part) % FULL;
-            self.part += self.rate;
-            if self.rate == FULL {
-                self.part += gap.min(FULL / 16);
+            if self.is_full() {
+                // A part that is left is waited for, with a speed that no damper feels.
+                self.part -= self.part.min(FULL / 256);
             }
+            self.part += self.rate;
         } else {
             self.rate -= self.step(self.rate);
             self.part += self.rate;
@@ -115,15 +114,80 @@ impl Progress {
         if ramp == 0 {
             return left.min(step);
         }
-        // What the speed still changes by while the step shrinks from here to nothing.
-        let [pull, all] = [self.pull, ramp].map(u64::from);
-        let shrinking = u64::from(step) * pull * (pull + 1) / (2 * all);
-        self.pull = if u64::from(left) > shrinking {
-            (self.pull + 1).min(ramp)
-        } else {
-            self.pull.saturating_sub(1).max(1)
+        // Whether so much is left that the step can yet shrink from there to nothing.
+        let [step, all] = [step, ramp].map(u64::from);
+        let enough = |pull: u32| {
+            let pull = u64::from(pull);
+            2 * all * u64::from(left) >= step * pull * (pull + 1)
         };
-        let now = u64::from(step) * u64::from(self.pull) / all;
+        let next = (self.pull + 1).min(ramp);
+        if enough(next) {
+            self.pull = next;
+        } else if !enough(self.pull) {
+            self.pull = (self.pull - 1).max(1);
+        }
+        let now = step * u64::from(self.pull) / all;
         left.min((now as u32).max(1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn a_stop_takes_its_time_and_its_way_and_no_jerk(
+            ticks in 64..4000_u32,
+            longer in 0..=LONGER_MOST,
+        ) {
+            let mut progress = Progress::REST;
+            progress.begin();
+            let (mut taken, mut way, mut steepest, mut jerk) = (0_u32, 0_u64, 0, 0);
+            while progress.rate > 0 {
+                let before = progress;
+                let goes = progress.tick(false, ticks, || longer);
+                prop_assert!(progress.rate < before.rate);
+                let gone = progress.part + if goes { FULL } else { 0 } - before.part;
+                prop_assert_eq!(gone, progress.rate);
+                steepest = steepest.max(progress.change.unsigned_abs());
+                jerk = jerk.max(progress.change.abs_diff(before.change));
+                way += u64::from(gone);
+                taken += 1;
+            }
+            let wanted = f64::from(ticks) * (1.0 + f64::from(longer) / 16.0);
+            let near = |value: f64, wanted: f64| (value / wanted - 1.0).abs() < 0.1;
+            prop_assert!(near(f64::from(taken), wanted), "{taken} of {wanted}");
+            let way = way as f64 / f64::from(FULL);
+            prop_assert!(near(way, wanted / 2.0), "{way} of {wanted} / 2");
+            prop_assert!(steepest <= 2 * FULL / ticks, "{steepest}");
+            if longer >= 8 {
+                // Half of it grows, half of it shrinks.
+                let most = 4 * FULL / ticks / ticks + 3;
+                prop_assert!(jerk <= most, "{jerk} > {most}");
+            }
+        }
+
+        #[test]
+        fn it_goes_on_again_from_wherever_it_stopped(
+            ticks in 64..4000_u32,
+            longer in 0..=LONGER_MOST,
+            stopped in 1..4000_u32,
+        ) {
+            let mut progress = Progress::REST;
+            progress.begin();
+            for _ in 0..stopped {
+                progress.tick(false, ticks, || longer);
+            }
+            let mut taken = 0;
+            while !progress.is_plain() {
+                let before = progress.rate;
+                progress.tick(true, ticks, || longer);
+                prop_assert!(progress.rate > before || before == FULL);
+                taken += 1;
+                prop_assert!(taken < 3 * ticks + 300);
+            }
+        }
     }
 }
