@@ -12,7 +12,7 @@ use crate::files::config::{
 };
 use crate::files::export;
 use crate::planner::plan::Plan;
-use crate::planner::task::Task;
+use crate::planner::task::{Task, Travel};
 use crate::planner::tip_force::NormalForce;
 use crate::simulation::bench::{self, BenchArm, BenchBoard, BenchLog, BenchTask, RunFigures};
 use crate::text::{Shortest, four_digits};
@@ -148,8 +148,9 @@ impl ScenarioArgs {
         ] {
             let mut text = text(file, default)?;
             if option == "task" {
-                // The file of a force profile decides the runs, too.
+                // The files that it names decide the runs, too.
                 text.push_str(&profile_text(&task));
+                text.push_str(&move_text(&task));
             }
             inputs.push(input(option, said.as_deref(), text));
         }
@@ -258,6 +259,20 @@ fn profile_text(task: &Task) -> String {
     }
 }
 
+/// The ends of a move through the air, as a comment in a task's text.
+fn move_text(task: &Task) -> String {
+    match task.travel {
+        Travel::Line => String::new(),
+        Travel::Joints(way) => {
+            let [from, to] = way.ends.map(|end| end.map(Shortest));
+            format!(
+                "\n# The joints' way: from {}, {} to {}, {} rad\n",
+                from[0], from[1], to[0], to[1]
+            )
+        }
+    }
+}
+
 fn text(file: Option<&Path>, default: &str) -> Result<String, ConfigError> {
     match file {
         Some(file) => read_text(file, FILE_BYTES_MAX).map(|(_, text)| text),
@@ -291,7 +306,13 @@ fn law_text(
         && default == config::DEFAULT_CONTROLLER
         && (plan.model.arm != ArmParameters::PAPER || plan.tick_rate_hz != EXAMPLES_RATE_HZ)
     {
-        return own_gains::designed_text(plan, scenario);
+        return match plan.task.travel {
+            Travel::Line => own_gains::designed_text(plan, scenario),
+            Travel::Joints(_) => Err(CliError::Move {
+                what: "finding gains for an arm of its own",
+                accepted: "--controller FILE with those that `flexor gains design` finds for its task is accepted",
+            }),
+        };
     }
     Ok(text(file, default)?)
 }

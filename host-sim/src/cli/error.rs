@@ -99,6 +99,11 @@ pub(super) enum CliError {
         command: &'static str,
         law: &'static str,
     },
+    #[error("{what} needs a task along a surface, and this one is a move through the air; {accepted}")]
+    Move {
+        what: &'static str,
+        accepted: &'static str,
+    },
     #[error(transparent)]
     Hybrid(#[from] HybridError),
     #[error("these gains do not hold every arm: {why}")]
@@ -182,6 +187,7 @@ impl CliError {
             | Self::At { .. }
             | Self::Map { .. }
             | Self::NoEffect { .. }
+            | Self::Move { .. }
             | Self::PaperLawOnly { .. }
             | Self::Unproven { .. }
             | Self::RootInertia { .. }

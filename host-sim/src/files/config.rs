@@ -13,6 +13,7 @@ mod ranges;
 mod scenario;
 #[cfg(feature = "stability")]
 mod spread;
+mod moves;
 mod task;
 mod written;
 
@@ -34,6 +35,7 @@ pub use plant::parse_plant;
 pub use scenario::{ScenarioConfig, load_scenario, parse_scenario};
 #[cfg(feature = "stability")]
 pub use spread::parse_spread;
+pub use moves::parse_move;
 pub use task::parse_task;
 
 /// The arm that is used when no file is given: the paper's, `examples/arm.toml`.

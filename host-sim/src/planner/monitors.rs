@@ -38,7 +38,8 @@ pub fn planned_speed(plan: &Plan) -> [f64; 2] {
 
 /// Thresholds for arms that differ from the plan as a careful, but uncalibrated set-up does: beyond
 /// what 500 of those show, and beyond what is planned. Without a gauge in the law (no torque loop)
-/// nothing is asked of one, and without feedback nothing of the force cell either.
+/// nothing is asked of one, and without feedback, or a force in the plan, nothing of the force cell
+/// either.
 pub fn default_monitors(plan: &Plan, law: &LawParameters) -> MonitorParameters {
     let slopes = plan.points.iter().map(|point| point.root_slope.abs());
     let root_slope = slopes.fold(0.0, f64::max);
@@ -62,7 +63,8 @@ pub fn default_monitors(plan: &Plan, law: &LawParameters) -> MonitorParameters {
     MonitorParameters {
         path_rad: [PATH1_RAD as f32, path2 as f32],
         speed_rad_s: [0, 1].map(|i| (SPEED_SHARES[i] * speed[i] + SPEED_RAD_S) as f32),
-        force_n: if cell {
+        // In the air a quiet cell shows one count throughout, and cannot be told from a frozen one.
+        force_n: if cell && force > 0.0 {
             (FORCE_SHARE * force + FORCE_N) as f32
         } else {
             f32::INFINITY

@@ -32,10 +32,14 @@
 //! | follow | contact | the table goes on by a tick a tick |
 //! | lost | air | stands where contact was lost, still asked to press; the table goes on if it did |
 //! | retract | air | the table comes to a stop, the force is taken away, the tip lifted off |
-//! | hold | air | stands |
+//! | hold, park | air | stands |
 //!
 //! **Tables without contact**, whose force is 0 throughout, are followed on the law of the air,
-//! in the state *free*, and held at their end.
+//! in the state *free*, and held at their end, in the state *park*.
+//!
+//! **One table after the other.** An arm that stands, in *hold* or *park*, may go over to another
+//! table ([`Motion::go_on_from`]): the first torque is the one that was given last, and what the new
+//! plan makes of it otherwise fades in with a time constant of 0.1 s.
 //!
 //! **Bumpless.** No change of state is a step in a torque: what stiffness and section give is taken
 //! over by the force integral ([`HybridLaw::change`]), joint 2's angle is counted from where it
@@ -98,6 +102,18 @@ enum State<T> {
         lifted: [u32; 2],
     },
     Hold,
+    Park,
+}
+
+/// What differs from the plan's torques after another table's run.
+#[derive(Clone, Copy, Debug)]
+enum Handover<T: Scalar> {
+    /// Nothing.
+    None,
+    /// Given last, N m: what differs is known at the first tick.
+    From([T; 2]),
+    /// What is left of it, N m, and for so many ticks.
+    Fading([T::Sum; 2], u32),
 }
 
 /// What the law reads at a tick: the setpoint, which the motion changes, and the measurement.
@@ -134,6 +150,7 @@ pub(super) struct Motion<T: Scalar> {
     losses: u8,
     /// What the run is ended for.
     cause: Option<Fault>,
+    handover: Handover<T>,
 }
 
 /// `value`, a step nearer to `target`.
@@ -167,7 +184,14 @@ impl<T: TableScalar> Motion<T> {
             judged: T::Sum::default(),
             losses: 0,
             cause: None,
+            handover: Handover::None,
         }
+    }
+
+    /// Before its first tick, on an arm that stands with these torques, N m.
+    pub(super) fn go_on_from(&mut self, torque: [T; 2]) {
+        self.restart();
+        self.handover = Handover::From(torque);
     }
 
     /// The same before its first tick.
@@ -179,6 +203,7 @@ impl<T: TableScalar> Motion<T> {
     pub(super) fn phase(&self) -> Phase {
         match self.state {
             State::Start | State::Hold => Phase::Hold,
+            State::Park => Phase::Park,
             State::Free => Phase::Free,
             State::Approach { .. } => Phase::Approach,
             State::Contact { .. } => Phase::Contact,
@@ -214,7 +239,7 @@ impl<T: TableScalar> Motion<T> {
         self.cause = self.cause.or(cause);
         match self.state {
             // Nothing is to be left.
-            State::Retract { .. } | State::Hold => {}
+            State::Retract { .. } | State::Hold | State::Park => {}
             State::Start => self.state = State::Hold,
             _ => {
                 self.state = State::Retract {
@@ -279,10 +304,10 @@ impl<T: TableScalar> Motion<T> {
             self.start(law, memory, reading);
         }
         match self.state {
-            State::Start | State::Hold => {}
+            State::Start | State::Hold | State::Park => {}
             State::Free => {
                 if reading.cursor.at_end() {
-                    self.state = State::Hold;
+                    self.state = State::Park;
                 }
             }
             State::Approach { .. } => self.approach(law, memory, reading),
@@ -293,6 +318,7 @@ impl<T: TableScalar> Motion<T> {
         }
         self.choose_gains(law, memory, reading, saturations);
         self.want(law, reading, planned, saturations);
+        self.hand_over(law, memory, reading, saturations);
         let goes_on = self.go_on(law, reading);
         (setpoint, goes_on)
     }
@@ -325,7 +351,10 @@ impl<T: TableScalar> Motion<T> {
             step: planned.scaled(law.motion.force_step, count),
         };
         if !self.presses {
+            // The link hangs as it hangs: counted from where it stands.
             memory.free = true;
+            let [_, error] = HybridLaw::angle_error(reading.setpoint, reading.measured);
+            self.turn(reading, error);
             self.begun = true;
             self.rate = FULL;
             self.state = State::Free;
@@ -609,7 +638,8 @@ impl<T: TableScalar> Motion<T> {
         self.plain = matches!(self.state, State::Follow { below: 0 })
             && self.rate == FULL
             && self.part == 0
-            && !self.paused;
+            && !self.paused
+            && matches!(self.handover, Handover::None);
         if let State::Follow { .. } | State::Free = self.state {
             return;
         }
@@ -629,11 +659,50 @@ impl<T: TableScalar> Motion<T> {
         reading.setpoint.force = self.reference;
     }
 
+    /// Adds what is left of the torques that another table's run ended with.
+    fn hand_over(
+        &mut self,
+        law: &HybridLaw<T>,
+        memory: &HybridState<T>,
+        reading: &mut Reading<'_, '_, T>,
+        saturations: &mut SaturationCounts<T::SaturationCount>,
+    ) {
+        let (left, ticks) = match &mut self.handover {
+            Handover::None => return,
+            Handover::From(before) => {
+                let mut tried = *memory;
+                let demand = law.update(&mut tried, reading.setpoint, reading.measured, saturations);
+                let left = [0, 1].map(|j| {
+                    let count = &mut saturations.torque[j];
+                    before[j].minus(demand.torque[j], count).sum()
+                });
+                (left, law.motion.fade_ticks)
+            }
+            Handover::Fading(left, ticks) => {
+                for (left, count) in left.iter_mut().zip(&mut saturations.torque) {
+                    low_pass(left, Some(law.motion.fade), T::ZERO, count);
+                }
+                (*left, *ticks - 1)
+            }
+        };
+        for (j, left) in left.iter().enumerate() {
+            let torque = &mut reading.setpoint.torque[j];
+            *torque = torque.plus(T::of_sum(*left), &mut saturations.torque[j]);
+        }
+        self.handover = match ticks {
+            0 => Handover::None,
+            _ => Handover::Fading(left, ticks),
+        };
+    }
+
     /// Whether the table goes on by a tick.
     fn go_on(&mut self, law: &HybridLaw<T>, reading: &Reading<'_, '_, T>) -> bool {
         let runs = self.begun
             && !self.paused
-            && !matches!(self.state, State::Retract { .. } | State::Hold);
+            && !matches!(
+                self.state,
+                State::Retract { .. } | State::Hold | State::Park
+            );
         if runs {
             // A part that is left at full speed is caught up a sixteenth of a tick at a time.
             let step = law.motion.stop_step;

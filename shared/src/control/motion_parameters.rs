@@ -98,6 +98,11 @@ const PATIENCE_S: f64 = 5.0;
 /// Corner of the filter behind which joint 1's share of the force follows the wanted force, Hz.
 const SHARE_HZ: f64 = 16.0;
 
+/// Time constant with which what another table's run ended with fades, s: slow against the link's
+/// first mode (0.04 s), fast against any plan. After sixteen of them a ten-millionth is left.
+const FADE_S: f64 = 0.1;
+const FADE_TIMES: f64 = 16.0;
+
 /// Time without contact after which, before the table begins, the approach goes on, s.
 const RETRY_S: f64 = 0.03;
 
@@ -139,6 +144,9 @@ pub(super) struct MotionCoefficients<T: Scalar> {
     pub(super) judged_share: T::Gain,
     pub(super) pressing: T::Gain,
     pub(super) share: T::Alpha,
+    /// What fades in a tick of what another table's run ended with, and for how long.
+    pub(super) fade: T::Alpha,
+    pub(super) fade_ticks: u32,
 }
 
 impl<T: SiScalar> MotionCoefficients<T> {
@@ -180,6 +188,8 @@ impl<T: SiScalar> MotionCoefficients<T> {
             judged_share: share(JUDGED.1),
             pressing: share(PRESSING),
             share: alpha(SHARE_HZ),
+            fade: alpha(1.0 / (core::f64::consts::TAU * FADE_S)),
+            fade_ticks: of_time(FADE_TIMES * FADE_S).max(1),
         }
     }
 }

@@ -265,6 +265,28 @@ impl<'a> Supervisor<'a> {
         Ok(())
     }
 
+    /// Goes over to the `prepared` controller's table on an enabled arm that stands, from the next
+    /// tick on, without a step in the torques: see [`Controller::go_on_from`]. The controller before
+    /// is given in exchange. The caller has looked whether the arm stands where the table begins.
+    ///
+    /// # Errors
+    /// [`Refusal::Busy`] unless an enabled arm stands; nothing is exchanged then.
+    pub fn go_on(&mut self, prepared: &mut ControllerSlot<'a>) -> Result<(), Refusal> {
+        let State::Enabled { .. } = self.state else {
+            return Err(Refusal::Busy);
+        };
+        let goes = match (self.slot.look(), prepared.controller()) {
+            (Some(before), Some(next)) => next.controller.go_on_from(before),
+            _ => false,
+        };
+        if !goes {
+            return Err(Refusal::Busy);
+        }
+        self.slot.exchange(prepared);
+        self.outbox.tick = 0;
+        Ok(())
+    }
+
     /// Drives off from the next tick on; ends lock-step too.
     pub fn disable(&mut self) {
         self.state.disable();

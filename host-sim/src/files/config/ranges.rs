@@ -96,6 +96,16 @@ pub(super) const RANGES: &[Range] = &[
     from("actuation_tolerance", 1e-15, 0.5, "a ratio"),
     from("path.from_m", -200.0, 200.0, "two coordinates in m"),
     from("path.to_m", -200.0, 200.0, "two coordinates in m"),
+    from("move.from_rad", -20.0, 20.0, "two joint angles in rad"),
+    from("move.to_rad", -20.0, 20.0, "two joint angles in rad"),
+    from(
+        "move.from_motor_rad",
+        -20.0,
+        20.0,
+        "two motor angles in rad",
+    ),
+    from("move.to_motor_rad", -20.0, 20.0, "two motor angles in rad"),
+    from("move.clearance_m", 0.0, 100.0, "a length in m"),
     from("force.normal_N", 0.0, 1e6, "a force in N"),
     from(
         "force.direction",

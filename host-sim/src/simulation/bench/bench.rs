@@ -219,7 +219,7 @@ impl<'a> Run<'a> {
     fn count(&mut self, tick: usize, row: &BenchRow, last: usize) {
         let period_s = period_s(self.task.plan);
         let since_s = tick as f64 * period_s;
-        let leaves = matches!(row.phase, Phase::Retract | Phase::Hold);
+        let leaves = row.phase == Phase::Retract || row.phase.stands();
         let Some(begun) = self.begun else {
             self.tally.before(row, since_s);
             if since_s >= BEFORE_MAX_S {

@@ -157,6 +157,8 @@ pub(super) struct Tally {
     /// Of the error along the surface, m, and of the force's, N.
     limits: [f64; 2],
     period_s: f64,
+    /// Whether the plan presses anywhere.
+    presses: bool,
     ticks: u32,
     force_square: f64,
     along_square: f64,
@@ -182,6 +184,7 @@ impl Tally {
         Self {
             limits: limits.of(plan),
             period_s: period_s(plan),
+            presses: plan.task.normal_force.largest() > 0.0,
             ticks: 0,
             force_square: 0.0,
             along_square: 0.0,
@@ -209,7 +212,7 @@ impl Tally {
         figures.force_error_max_n = figures.force_error_max_n.max(force.abs());
         figures.along_error_max_m = figures.along_error_max_m.max(along.abs());
         figures.force_max_n = figures.force_max_n.max(row.reading.force);
-        if row.reading.force > 0.0 {
+        if row.reading.force > 0.0 || !self.presses {
             self.lost_now = 0;
         } else {
             self.lost_ticks += 1;
