@@ -208,6 +208,7 @@ impl OnBench {
             monitors: &self.monitors,
             board: &self.board,
             failure: &self.config.scenario.failure,
+            then: None,
         }
     }
 

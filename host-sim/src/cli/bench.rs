@@ -14,7 +14,7 @@ use crate::files::export;
 use crate::planner::plan::Plan;
 use crate::planner::task::{Task, Travel};
 use crate::planner::tip_force::NormalForce;
-use crate::simulation::bench::{self, BenchArm, BenchBoard, BenchLog, BenchTask, RunFigures};
+use crate::simulation::bench::{self, BenchArm, BenchBoard, BenchLog, BenchTask, RunFigures, Then};
 use crate::text::{Shortest, four_digits};
 use clap::Args;
 use flexor::control::LawParameters;
@@ -36,6 +36,10 @@ pub(super) struct ScenarioArgs {
     /// A value of the scenario, say contact.friction=0.3; may be given several times
     #[arg(long, value_name = "KEY=VALUE")]
     pub(super) set: Vec<String>,
+    /// A move through the air that every arm goes over to once it stands after the task
+    /// [examples/task_park.toml]
+    #[arg(long, value_name = "FILE")]
+    pub(super) then: Option<PathBuf>,
 }
 
 /// Gains of the hybrid law are held against the scenario's arms before anything runs.
@@ -86,6 +90,8 @@ pub(super) struct Bench {
     monitors: MonitorParameters,
     /// The board.
     pub(super) board: BenchBoard,
+    /// What follows, and the thresholds of the monitors meanwhile.
+    then: Option<(Planned, MonitorParameters)>,
     /// The scenario.
     pub(super) config: ScenarioConfig,
     /// What a reader should know, once it is clear that something runs.
@@ -120,6 +126,7 @@ impl ScenarioArgs {
         let (law, law_text) = law_for(gains, default_gains, &planned.plan, &config.scenario)?;
         let monitors = monitors_for(&common, &arm, &planned.plan, &law)?;
         self.check_faults(&config, &planned.plan)?;
+        let then = self.plan_then(&common, &arm, &law)?;
         let (board, note) = board_for(&common, &planned.plan)?;
         let mut inputs = vec![input(
             "scenario",
@@ -155,16 +162,50 @@ impl ScenarioArgs {
             inputs.push(input(option, said.as_deref(), text));
         }
         inputs.push(input("controller", asked_gains, law_text));
+        if let (Some(file), Some((then, _))) = (&self.then, &then) {
+            let said = text(Some(file), "")? + &move_text(&then.plan.task);
+            inputs.push(input("then", Some(file), said));
+        }
         inputs.extend(self.values(asked, planned.plan.tick_rate_hz));
         Ok(Bench {
             planned,
             law,
             monitors,
             board,
+            then,
             config,
             note,
             inputs,
         })
+    }
+
+    /// The move that follows, planned for `arm`, and thresholds for it.
+    fn plan_then(
+        &self,
+        common: &Common,
+        arm: &ArmConfig,
+        law: &LawParameters,
+    ) -> Result<Option<(Planned, MonitorParameters)>, CliError> {
+        let Some(file) = &self.then else {
+            return Ok(None);
+        };
+        if law.paper().is_some() {
+            return Err(CliError::NoEffect {
+                what: "--then",
+                beside: "with law = \"paper\", which leaves no arm standing: the hybrid law does",
+            });
+        }
+        let of_move = Common {
+            task: Some(file.clone()),
+            ..common.clone()
+        };
+        let (_, task) = of_move.load()?;
+        if let Travel::Line = task.travel {
+            return Err(CliError::NoMove { file: file.clone() });
+        }
+        let planned = of_move.plan(arm, &task)?;
+        let monitors = monitors_for(common, arm, &planned.plan, law)?;
+        Ok(Some((planned, monitors)))
     }
 
     /// A fault that no run lives to see is a mistake.
@@ -363,6 +404,12 @@ impl Bench {
             monitors: &self.monitors,
             board: &self.board,
             failure: &self.config.scenario.failure,
+            then: self.then.as_ref().map(|(then, monitors)| Then {
+                plan: &then.plan,
+                image: &then.table.image,
+                limits: &then.limits,
+                monitors,
+            }),
         }
     }
 }

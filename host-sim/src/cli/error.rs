@@ -99,11 +99,15 @@ pub(super) enum CliError {
         command: &'static str,
         law: &'static str,
     },
-    #[error("{what} needs a task along a surface, and this one is a move through the air; {accepted}")]
+    #[error(
+        "{what} needs a task along a surface, and this one is a move through the air; {accepted}"
+    )]
     Move {
         what: &'static str,
         accepted: &'static str,
     },
+    #[error("{}: --then takes a move through the air, with a [move]", file.display())]
+    NoMove { file: PathBuf },
     #[error(transparent)]
     Hybrid(#[from] HybridError),
     #[error("these gains do not hold every arm: {why}")]
@@ -188,6 +192,7 @@ impl CliError {
             | Self::Map { .. }
             | Self::NoEffect { .. }
             | Self::Move { .. }
+            | Self::NoMove { .. }
             | Self::PaperLawOnly { .. }
             | Self::Unproven { .. }
             | Self::RootInertia { .. }

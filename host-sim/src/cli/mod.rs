@@ -178,7 +178,11 @@ impl Common {
 
     fn load(&self) -> Result<(ArmConfig, Task), CliError> {
         let arm = config::load(self.arm.as_deref(), config::DEFAULT_ARM, config::parse_arm)?;
-        let of_move = config::load(self.task.as_deref(), config::DEFAULT_TASK, config::parse_move)?;
+        let of_move = config::load(
+            self.task.as_deref(),
+            config::DEFAULT_TASK,
+            config::parse_move,
+        )?;
         let task = match of_move {
             Some(of_move) => of_move.task(&arm.arm, arm.elements)?,
             None => config::load(

@@ -7,13 +7,13 @@ mod arm;
 mod board;
 mod controller;
 mod hybrid;
+mod moves;
 mod plant;
 mod ranges;
 #[cfg(feature = "campaign")]
 mod scenario;
 #[cfg(feature = "stability")]
 mod spread;
-mod moves;
 mod task;
 mod written;
 
@@ -30,12 +30,12 @@ use std::path::Path;
 pub use arm::{ArmConfig, parse_arm};
 pub use board::{BoardConfig, parse_board};
 pub use controller::{DERIVATIVE_FILTER_HZ, controller_toml, parse_controller};
+pub use moves::parse_move;
 pub use plant::parse_plant;
 #[cfg(feature = "campaign")]
 pub use scenario::{ScenarioConfig, load_scenario, parse_scenario};
 #[cfg(feature = "stability")]
 pub use spread::parse_spread;
-pub use moves::parse_move;
 pub use task::parse_task;
 
 /// The arm that is used when no file is given: the paper's, `examples/arm.toml`.

@@ -161,8 +161,8 @@ fn at_motors(model: &ArmModel, motor: [f64; 2]) -> Result<[f64; 2], PlanError> {
     let tangent = motor[0] + motor[1];
     let mut angle = [motor[0], tangent];
     for _ in 0..STEPS {
-        let (q, _) = equilibrium(model, angle, [0.0; 2], false)
-            .ok_or(PlanError::Buckled { end: false })?;
+        let (q, _) =
+            equilibrium(model, angle, [0.0; 2], false).ok_or(PlanError::Buckled { end: false })?;
         angle[1] = tangent - dot(&model.root_slope, &q);
     }
     Ok(angle)

@@ -60,11 +60,15 @@ fn a_move_ends_off_the_surface_by_a_turn_of_joint_2() {
 #[test]
 fn it_rests_at_both_ends_and_bends_as_the_equations_want_between() {
     let arm = arm();
-    let (task, plan) = planned(&arm, &free_move(above(0.02), MoveEnd::Angles([1.2, -1.2]))).unwrap();
+    let (task, plan) =
+        planned(&arm, &free_move(above(0.02), MoveEnd::Angles([1.2, -1.2]))).unwrap();
     let Travel::Joints(way) = task.travel else {
         panic!("a move")
     };
-    for (point, angle) in [&plan.points[0], plan.points.last().unwrap()].into_iter().zip(way.ends) {
+    for (point, angle) in [&plan.points[0], plan.points.last().unwrap()]
+        .into_iter()
+        .zip(way.ends)
+    {
         let (_, torque) = equilibrium(&plan.model, angle, [0.0; 2], false).unwrap();
         for joint in 0..2 {
             assert!((point.joint.angle[joint] - angle[joint]).abs() < 1e-12);
@@ -79,7 +83,8 @@ fn it_rests_at_both_ends_and_bends_as_the_equations_want_between() {
         assert!(left < 1e-5, "{left}");
         // Both joints have gone the same share of their ways.
         let share = |joint: usize| {
-            (point.joint.angle[joint] - way.ends[0][joint]) / (way.ends[1][joint] - way.ends[0][joint])
+            (point.joint.angle[joint] - way.ends[0][joint])
+                / (way.ends[1][joint] - way.ends[0][joint])
         };
         assert!((share(0) - share(1)).abs() < 1e-12);
     }
@@ -91,19 +96,36 @@ fn a_stretched_arm_may_hang() {
     let hanging = MoveEnd::Angles([FRAC_PI_2; 2]);
     let (_, plan) = planned(&arm(), &free_move(MoveEnd::Angles([1.2, 1.0]), hanging)).unwrap();
     let last = plan.points.last().unwrap();
-    assert!(last.torque.iter().all(|torque| torque.abs() < 1e-5), "{:?}", last.torque);
+    assert!(
+        last.torque.iter().all(|torque| torque.abs() < 1e-5),
+        "{:?}",
+        last.torque
+    );
     assert!((last.tip.position[1] - 1.05).abs() < 1e-12);
 }
 
 #[test]
 fn what_cannot_be_is_refused_by_name() {
-    let refused = |from, to| planned(&arm(), &free_move(from, to)).map(|_| ()).unwrap_err();
+    let refused = |from, to| {
+        planned(&arm(), &free_move(from, to))
+            .map(|_| ())
+            .unwrap_err()
+    };
     let there = || MoveEnd::Angles([1.2, -1.2]);
-    assert!(matches!(refused(there(), there()), PlanError::NoMove { .. }));
-    assert!(matches!(refused(there(), above(2.0)), PlanError::NoClearance { .. }));
+    assert!(matches!(
+        refused(there(), there()),
+        PlanError::NoMove { .. }
+    ));
+    assert!(matches!(
+        refused(there(), above(2.0)),
+        PlanError::NoClearance { .. }
+    ));
     // From above the path's end down to where the arm hangs.
     let through = refused(above(0.02), MoveEnd::Angles([FRAC_PI_2, 0.2]));
-    assert!(matches!(through, PlanError::ThroughSurface { .. }), "{through}");
+    assert!(
+        matches!(through, PlanError::ThroughSurface { .. }),
+        "{through}"
+    );
 }
 
 proptest! {

@@ -23,6 +23,10 @@ const MOMENT_SHARES: [f64; 2] = [0.1, 0.25];
 /// The same of the balance: friction on the surface, weight, and what the plan does not know of the
 /// link's motion; and of the balance that lasts, where the motion counts for less.
 const BALANCE_SHARES: [[f64; 2]; 2] = [[0.3, 0.85], [0.4, 0.15]];
+/// In the air all of it is weight and motion, and what lasts may be as much as what is short; and a
+/// slow torque loop leaves more over of a smaller torque.
+const BALANCE_SHARES_FREE: [[f64; 2]; 2] = [[0.0, 0.85]; 2];
+const MOMENT_SHARES_FREE: [f64; 2] = [0.0, 0.5];
 /// Least threshold of a moment, N m: a gauge's offset and noise.
 const LEAST_NM: f64 = 0.05;
 
@@ -58,6 +62,11 @@ pub fn default_monitors(plan: &Plan, law: &LawParameters) -> MonitorParameters {
             f32::INFINITY
         }
     };
+    let (moment_shares, balance_shares) = if force > 0.0 {
+        (MOMENT_SHARES, BALANCE_SHARES)
+    } else {
+        (MOMENT_SHARES_FREE, BALANCE_SHARES_FREE)
+    };
     let speed = planned_speed(plan);
     let path2 = PATH2_RAD + PATH2_SLOPE_SHARE * root_slope;
     MonitorParameters {
@@ -69,7 +78,7 @@ pub fn default_monitors(plan: &Plan, law: &LawParameters) -> MonitorParameters {
         } else {
             f32::INFINITY
         },
-        root_moment_nm: of_gauge(moment(MOMENT_SHARES)),
-        balance_nm: BALANCE_SHARES.map(|shares| of_gauge(moment(shares))),
+        root_moment_nm: of_gauge(moment(moment_shares)),
+        balance_nm: balance_shares.map(|shares| of_gauge(moment(shares))),
     }
 }

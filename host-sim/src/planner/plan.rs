@@ -20,9 +20,7 @@ use crate::planner::collocation::Solution;
 use crate::planner::elastic_bvp::{Deflection, largest, rigid_torque};
 use crate::planner::feasible::{angles_at, check_friction, check_path, lever_ratio};
 use crate::planner::path::{Profile, TipMotion};
-use crate::planner::task::{
-    Equations, PlanError, Remedy, SLOPE_MAX_RAD, Task, Travel, surface,
-};
+use crate::planner::task::{Equations, PlanError, Remedy, SLOPE_MAX_RAD, Task, Travel, surface};
 use crate::planner::tip_force::{NormalForce, TipForce};
 use crate::planner::zeros::{fastest_zero, window_length};
 use crate::text::Shortest;
@@ -119,10 +117,12 @@ impl Branch {
         let ([x0, y0], [x1, y1]) = (task.path.from, task.path.to);
         // Angles that are given are continuous.
         let crosses = task.travel == Travel::Line
-            && (y0 < 0.0) != (y1 < 0.0) && x0 * y1 - x1 * y0 != 0.0 && {
-            let crossing = y0 / (y0 - y1);
-            x0 + crossing * (x1 - x0) < 0.0
-        };
+            && (y0 < 0.0) != (y1 < 0.0)
+            && x0 * y1 - x1 * y0 != 0.0
+            && {
+                let crossing = y0 / (y0 - y1);
+                x0 + crossing * (x1 - x0) < 0.0
+            };
         let turn = core::f64::consts::TAU;
         match (crosses, y0 < 0.0) {
             (false, _) => Self {

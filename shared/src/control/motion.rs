@@ -141,6 +141,8 @@ pub(super) struct Motion<T: Scalar> {
     forces: Forces<T>,
     /// Angle that joint 2 is to stand at beyond the planned one, rad.
     offset: T,
+    /// What the offset is still to lose, rad: less than its last digit.
+    creep: T::Sum,
     /// Force that is wanted, N.
     reference: T,
     /// Force whose share joint 1 gives, N.
@@ -179,6 +181,7 @@ impl<T: TableScalar> Motion<T> {
             paused: false,
             forces: Forces::default(),
             offset: T::ZERO,
+            creep: T::Sum::default(),
             reference: T::ZERO,
             share: T::Sum::default(),
             judged: T::Sum::default(),
@@ -304,8 +307,9 @@ impl<T: TableScalar> Motion<T> {
             self.start(law, memory, reading);
         }
         match self.state {
-            State::Start | State::Hold | State::Park => {}
-            State::Free => {
+            State::Start | State::Hold => {}
+            State::Free | State::Park => {
+                self.creep(law, reading);
                 if reading.cursor.at_end() {
                     self.state = State::Park;
                 }
@@ -378,6 +382,18 @@ impl<T: TableScalar> Motion<T> {
         self.offset = self.offset.angle_minus(back);
         let [_, planned] = &mut reading.setpoint.motor;
         *planned = planned.angle_minus(back);
+    }
+
+    /// Brings joint 2 to its planned angle in the air, whatever the link weighs: slowly against the
+    /// law of the air, as the angle that it is counted from.
+    fn creep(&mut self, law: &HybridLaw<T>, reading: &mut Reading<'_, '_, T>) {
+        let count = &mut T::SaturationCount::default();
+        let [_, error] = HybridLaw::angle_error(reading.setpoint, reading.measured);
+        let off = error.angle_minus(self.offset.negative());
+        self.creep = T::accumulated(self.creep, off.times_alpha(law.motion.creep), count);
+        let step = T::of_sum(self.creep).negative();
+        self.creep = T::accumulated(self.creep, step.sum(), count);
+        self.turn(reading, step);
     }
 
     fn approaching(&self, law: &HybridLaw<T>, reading: &Reading<'_, '_, T>) -> State<T> {
@@ -671,7 +687,8 @@ impl<T: TableScalar> Motion<T> {
             Handover::None => return,
             Handover::From(before) => {
                 let mut tried = *memory;
-                let demand = law.update(&mut tried, reading.setpoint, reading.measured, saturations);
+                let demand =
+                    law.update(&mut tried, reading.setpoint, reading.measured, saturations);
                 let left = [0, 1].map(|j| {
                     let count = &mut saturations.torque[j];
                     before[j].minus(demand.torque[j], count).sum()

@@ -79,7 +79,9 @@ fn end(
         }),
         _ => Err(ConfigError::Malformed {
             file: check.file.to_string(),
-            message: format!("move: more than one of {rad}, {motor_rad} and {of_task}; accepted: one of them"),
+            message: format!(
+                "move: more than one of {rad}, {motor_rad} and {of_task}; accepted: one of them"
+            ),
         }),
     }
 }
@@ -106,11 +108,26 @@ pub fn parse_move(file: &str, text: &str) -> Result<Option<FreeMove>, ConfigErro
     let names = |end: &str| ["rad", "motor_rad", "task"].map(|what| format!("move.{end}_{what}"));
     let [from_names, to_names] = [names("from"), names("to")];
     Ok(Some(FreeMove {
-        from: end(&check, from_names.each_ref().map(String::as_str), from, clearance_m)?,
-        to: end(&check, to_names.each_ref().map(String::as_str), to, clearance_m)?,
+        from: end(
+            &check,
+            from_names.each_ref().map(String::as_str),
+            from,
+            clearance_m,
+        )?,
+        to: end(
+            &check,
+            to_names.each_ref().map(String::as_str),
+            to,
+            clearance_m,
+        )?,
         duration_s: check.value("duration_s", read.duration_s)?,
         profile: Profile::from(way.profile),
         pre_actuation: window(&check, "pre_actuation_s", &read.pre_actuation_s, tolerance)?,
-        post_actuation: window(&check, "post_actuation_s", &read.post_actuation_s, tolerance)?,
+        post_actuation: window(
+            &check,
+            "post_actuation_s",
+            &read.post_actuation_s,
+            tolerance,
+        )?,
     }))
 }

@@ -233,6 +233,11 @@ pub fn parse_task(file: &str, text: &str) -> Result<Task, ConfigError> {
         direction: read.force.direction,
         friction,
         pre_actuation: window(&check, "pre_actuation_s", &read.pre_actuation_s, tolerance)?,
-        post_actuation: window(&check, "post_actuation_s", &read.post_actuation_s, tolerance)?,
+        post_actuation: window(
+            &check,
+            "post_actuation_s",
+            &read.post_actuation_s,
+            tolerance,
+        )?,
     })
 }

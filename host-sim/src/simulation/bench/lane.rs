@@ -9,7 +9,8 @@ use flexor::link::{Interlocks, RawSample, Refusal};
 use flexor::phase::Phase;
 use flexor::signals::{Reference, Saturation};
 use flexor::supervisor::{
-    ControllerSlot, DriveScale, MemoryBoard, MonitoredController, Supervisor, check_enable,
+    Calibration, ControllerSlot, DriveScale, MemoryBoard, MonitorParameters, MonitoredController,
+    Monitors, Supervisor, check_enable,
 };
 
 /// What a tick of the board gave.
@@ -42,6 +43,9 @@ const PERIOD_TICKS_HW: u32 = 1000;
 /// A board, homed and enabled, in the loop.
 pub(super) struct Lane<'a> {
     supervisor: Supervisor<'a>,
+    /// Where the next controller is made.
+    prepared: ControllerSlot<'a>,
+    calibration: Calibration,
     board: MemoryBoard,
     channels: Channels,
     scales: [DriveScale; 2],
@@ -120,6 +124,8 @@ impl<'a> Lane<'a> {
         });
         Self {
             supervisor,
+            prepared,
+            calibration: board.calibration,
             board: memory,
             channels,
             scales: board.drives,
@@ -134,6 +140,24 @@ impl<'a> Lane<'a> {
     /// Why a board would not have been enabled where the arm stands; it is, all the same.
     pub(super) fn refusal(&self) -> Option<Refusal> {
         self.refusal
+    }
+
+    /// Whether the arm stands with its drives on, and could go over to another table.
+    pub(super) fn stands(&self) -> bool {
+        self.board.torque.is_some()
+            && (self.supervisor.controller()).is_some_and(|controller| controller.phase().stands())
+    }
+
+    /// Goes over to the table of `controller`, with these thresholds of its monitors; whether it does.
+    pub(super) fn go_on(
+        &mut self,
+        controller: Controller<'a, f32>,
+        monitors: &MonitorParameters,
+        tick_rate_hz: u32,
+    ) -> bool {
+        let monitors = Monitors::new(monitors, &self.calibration, tick_rate_hz);
+        self.prepared.put(controller, monitors);
+        self.supervisor.go_on(&mut self.prepared).is_ok()
     }
 
     /// The tick at `t_s` (s) with the arm as `reading` says.
