@@ -133,34 +133,7 @@ impl ScenarioArgs {
             self.scenario.as_deref(),
             config.canonical.clone(),
         )];
-        for (option, said, file, default) in [
-            (
-                "arm",
-                &asked.arm,
-                common.arm.as_deref(),
-                config::DEFAULT_ARM,
-            ),
-            (
-                "task",
-                &asked.task,
-                common.task.as_deref(),
-                config::DEFAULT_TASK,
-            ),
-            (
-                "board",
-                &asked.board,
-                common.board.as_deref(),
-                config::DEFAULT_BOARD,
-            ),
-        ] {
-            let mut text = text(file, default)?;
-            if option == "task" {
-                // The files that it names decide the runs, too.
-                text.push_str(&profile_text(&task));
-                text.push_str(&move_text(&task));
-            }
-            inputs.push(input(option, said.as_deref(), text));
-        }
+        inputs.extend(file_texts(asked, &common, &task)?);
         inputs.push(input("controller", asked_gains, law_text));
         if let (Some(file), Some((then, _))) = (&self.then, &then) {
             let said = text(Some(file), "")? + &move_text(&then.plan.task);
@@ -273,6 +246,26 @@ fn board_for(common: &Common, plan: &Plan) -> Result<(BenchBoard, Option<String>
     Ok((BenchBoard::from(&board), note))
 }
 
+/// The texts of arm, task and board: `asked` is what the command line said, `common` what holds.
+fn file_texts(
+    asked: &Common,
+    common: &Common,
+    task: &Task,
+) -> Result<[CampaignInput; 3], ConfigError> {
+    let of = |option: &str, said: &Option<PathBuf>, file: &Option<PathBuf>, default: &str| {
+        text(file.as_deref(), default).map(|text| input(option, said.as_deref(), text))
+    };
+    let mut of_task = of("task", &asked.task, &common.task, config::DEFAULT_TASK)?;
+    // The files that it names decide the runs, too.
+    of_task.text.push_str(&profile_text(task));
+    of_task.text.push_str(&move_text(task));
+    Ok([
+        of("arm", &asked.arm, &common.arm, config::DEFAULT_ARM)?,
+        of_task,
+        of("board", &asked.board, &common.board, config::DEFAULT_BOARD)?,
+    ])
+}
+
 /// An input that decides the runs; `said` is what the command line named it by, nothing where the
 /// scenario names it or it is built in.
 fn input(option: &str, said: Option<&Path>, text: String) -> CampaignInput {
@@ -347,13 +340,7 @@ fn law_text(
         && default == config::DEFAULT_CONTROLLER
         && (plan.model.arm != ArmParameters::PAPER || plan.tick_rate_hz != EXAMPLES_RATE_HZ)
     {
-        return match plan.task.travel {
-            Travel::Line => own_gains::designed_text(plan, scenario),
-            Travel::Joints(_) => Err(CliError::Move {
-                what: "finding gains for an arm of its own",
-                accepted: "--controller FILE with those that `flexor gains design` finds for its task is accepted",
-            }),
-        };
+        return own_gains::designed_text(plan, scenario);
     }
     Ok(text(file, default)?)
 }

@@ -100,12 +100,9 @@ pub(super) enum CliError {
         law: &'static str,
     },
     #[error(
-        "{what} needs a task along a surface, and this one is a move through the air; {accepted}"
+        "{what} needs a task along a surface, and this one is a move through the air; `flexor plan`, and `flexor run` and `flexor campaign` on the bench, take it"
     )]
-    Move {
-        what: &'static str,
-        accepted: &'static str,
-    },
+    Move { what: &'static str },
     #[error("{}: --then takes a move through the air, with a [move]", file.display())]
     NoMove { file: PathBuf },
     #[error(transparent)]

@@ -199,10 +199,7 @@ impl Common {
         let (arm, task) = self.load()?;
         match task.travel {
             Travel::Line => Ok((arm, task)),
-            Travel::Joints(_) => Err(CliError::Move {
-                what,
-                accepted: "`flexor plan`, and `flexor run` and `flexor campaign` on the bench, take it",
-            }),
+            Travel::Joints(_) => Err(CliError::Move { what }),
         }
     }
 

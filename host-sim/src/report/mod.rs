@@ -186,6 +186,7 @@ pub(crate) mod testing {
                 2.0,
                 0.0,
                 0.0,
+                0.0,
             ];
             RunRecord {
                 run,

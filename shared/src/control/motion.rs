@@ -50,25 +50,15 @@
 //! are added up as integers and the setpoint is read between ticks. A stop takes `stop_s`.
 
 use crate::control::filter::low_pass;
+use crate::control::handover::Handover;
 use crate::control::hybrid::{HybridLaw, HybridState};
+use crate::control::motion_forces::Forces;
 use crate::control::motion_parameters::{FULL, LIFT_MOST, LOSSES, PRESSING_STEPS};
 use crate::fault::{Fault, Reaction};
 use crate::number::{Scalar, TableScalar};
 use crate::phase::Phase;
 use crate::signals::{Measurement, PoseSetpoint, SaturationCounts};
 use crate::table::Cursor;
-
-/// Forces that the motion counts with, N.
-#[derive(Clone, Copy, Debug, Default)]
-struct Forces<T> {
-    /// Force from which on there is contact, and force below which there is none.
-    on: T,
-    off: T,
-    /// Mean force at which the bounces of a touch are over.
-    pressing: T,
-    /// What the wanted force changes in a tick.
-    step: T,
-}
 
 /// A motion's state, with what only it needs. Numbers are ticks.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -103,17 +93,6 @@ enum State<T> {
     },
     Hold,
     Park,
-}
-
-/// What differs from the plan's torques after another table's run.
-#[derive(Clone, Copy, Debug)]
-enum Handover<T: Scalar> {
-    /// Nothing.
-    None,
-    /// Given last, N m: what differs is known at the first tick.
-    From([T; 2]),
-    /// What is left of it, N m, and for so many ticks.
-    Fading([T::Sum; 2], u32),
 }
 
 /// What the law reads at a tick: the setpoint, which the motion changes, and the measurement.
@@ -194,7 +173,7 @@ impl<T: TableScalar> Motion<T> {
     /// Before its first tick, on an arm that stands with these torques, N m.
     pub(super) fn go_on_from(&mut self, torque: [T; 2]) {
         self.restart();
-        self.handover = Handover::From(torque);
+        self.handover = Handover::from(torque);
     }
 
     /// The same before its first tick.
@@ -322,7 +301,12 @@ impl<T: TableScalar> Motion<T> {
         }
         self.choose_gains(law, memory, reading, saturations);
         self.want(law, reading, planned, saturations);
-        self.hand_over(law, memory, reading, saturations);
+        self.handover.tick(
+            law,
+            memory,
+            (&mut *reading.setpoint, reading.measured),
+            saturations,
+        );
         let goes_on = self.go_on(law, reading);
         (setpoint, goes_on)
     }
@@ -655,7 +639,7 @@ impl<T: TableScalar> Motion<T> {
             && self.rate == FULL
             && self.part == 0
             && !self.paused
-            && matches!(self.handover, Handover::None);
+            && self.handover.is_over();
         if let State::Follow { .. } | State::Free = self.state {
             return;
         }
@@ -673,43 +657,6 @@ impl<T: TableScalar> Motion<T> {
         let torque = &mut reading.setpoint.torque[0];
         *torque = torque.minus(without, count);
         reading.setpoint.force = self.reference;
-    }
-
-    /// Adds what is left of the torques that another table's run ended with.
-    fn hand_over(
-        &mut self,
-        law: &HybridLaw<T>,
-        memory: &HybridState<T>,
-        reading: &mut Reading<'_, '_, T>,
-        saturations: &mut SaturationCounts<T::SaturationCount>,
-    ) {
-        let (left, ticks) = match &mut self.handover {
-            Handover::None => return,
-            Handover::From(before) => {
-                let mut tried = *memory;
-                let demand =
-                    law.update(&mut tried, reading.setpoint, reading.measured, saturations);
-                let left = [0, 1].map(|j| {
-                    let count = &mut saturations.torque[j];
-                    before[j].minus(demand.torque[j], count).sum()
-                });
-                (left, law.motion.fade_ticks)
-            }
-            Handover::Fading(left, ticks) => {
-                for (left, count) in left.iter_mut().zip(&mut saturations.torque) {
-                    low_pass(left, Some(law.motion.fade), T::ZERO, count);
-                }
-                (*left, *ticks - 1)
-            }
-        };
-        for (j, left) in left.iter().enumerate() {
-            let torque = &mut reading.setpoint.torque[j];
-            *torque = torque.plus(T::of_sum(*left), &mut saturations.torque[j]);
-        }
-        self.handover = match ticks {
-            0 => Handover::None,
-            _ => Handover::Fading(left, ticks),
-        };
     }
 
     /// Whether the table goes on by a tick.
@@ -752,17 +699,5 @@ impl<T: TableScalar> State<T> {
             settle_left: law.motion.settle_ticks,
             patience_left: law.motion.patience_ticks,
         }
-    }
-}
-
-impl<T: Scalar> Forces<T> {
-    /// Ticks in which there was contact, one after the other, with this one's force.
-    fn touched(&self, touching: u32, force: T) -> u32 {
-        if force > self.on { touching + 1 } else { 0 }
-    }
-
-    /// Ticks in which there was none.
-    fn parted(&self, below: u32, force: T) -> u32 {
-        if force > self.off { 0 } else { below + 1 }
     }
 }
