@@ -52,7 +52,7 @@
 use crate::control::filter::low_pass;
 use crate::control::handover::Handover;
 use crate::control::hybrid::{HybridLaw, HybridState};
-use crate::control::motion_forces::Forces;
+use crate::control::motion_forces::{Forces, towards};
 use crate::control::motion_parameters::{FULL, LIFT_MOST, LOSSES, PRESSING_STEPS};
 use crate::fault::{Fault, Reaction};
 use crate::number::{Scalar, TableScalar};
@@ -132,19 +132,6 @@ pub(super) struct Motion<T: Scalar> {
     /// What the run is ended for.
     cause: Option<Fault>,
     handover: Handover<T>,
-}
-
-/// `value`, a step nearer to `target`.
-fn towards<T: Scalar>(value: T, target: T, step: T) -> T {
-    let count = &mut T::SaturationCount::default();
-    let missing = target.minus(value, count);
-    if missing.is_within(step) {
-        target
-    } else if missing > T::ZERO {
-        value.plus(step, count)
-    } else {
-        value.minus(step, count)
-    }
 }
 
 impl<T: TableScalar> Motion<T> {

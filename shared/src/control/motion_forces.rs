@@ -25,3 +25,16 @@ impl<T: Scalar> Forces<T> {
         if force > self.off { 0 } else { below + 1 }
     }
 }
+
+/// `value`, a step nearer to `target`.
+pub(super) fn towards<T: Scalar>(value: T, target: T, step: T) -> T {
+    let count = &mut T::SaturationCount::default();
+    let missing = target.minus(value, count);
+    if missing.is_within(step) {
+        target
+    } else if missing > T::ZERO {
+        value.plus(step, count)
+    } else {
+        value.minus(step, count)
+    }
+}

@@ -57,6 +57,31 @@ pub(super) struct Lane<'a> {
     refusal: Option<Refusal>,
 }
 
+/// Homes a board at its home pose, from where the arm is moved by hand to where it stands.
+fn home(
+    supervisor: &mut Supervisor<'_>,
+    memory: &mut MemoryBoard,
+    channels: &Channels,
+    (arm, first): (&BenchArm, &CompliantReading),
+) {
+    // At its home pose the encoders count 0; from there it is moved by hand.
+    supervisor.tick(memory);
+    let homed = supervisor.home();
+    debug_assert!(homed.is_ok(), "a disabled board can be homed");
+    let turned = [0, 1].map(|i| {
+        let channel = &channels.encoder[i];
+        let angle = first.motor_angle[i] + arm.sensors.homing_rad[i];
+        (angle - channel.home_rad) / channel.rad_per_count
+    });
+    let furthest = turned.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+    let moves = (furthest / HAND_COUNTS).ceil().max(1.0) as u32;
+    for i in 1..=moves {
+        let share = f64::from(i) / f64::from(moves);
+        memory.sample.encoder = turned.map(|counts| (counts * share).round() as i64 as u16);
+        supervisor.tick(memory);
+    }
+}
+
 impl<'a> Lane<'a> {
     /// A board before the arm, which reads `first`: homed, moved to its start, enabled with
     /// what is `placed`. `places` are where the supervisor keeps its controllers. The drives have been
@@ -92,22 +117,7 @@ impl<'a> Lane<'a> {
             &board.calibration,
             tick_rate_hz,
         );
-        // At its home pose the encoders count 0; from there it is moved by hand.
-        supervisor.tick(&mut memory);
-        let homed = supervisor.home();
-        debug_assert!(homed.is_ok(), "a disabled board can be homed");
-        let turned = [0, 1].map(|i| {
-            let channel = &channels.encoder[i];
-            let angle = first.motor_angle[i] + arm.sensors.homing_rad[i];
-            (angle - channel.home_rad) / channel.rad_per_count
-        });
-        let furthest = turned.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
-        let moves = (furthest / HAND_COUNTS).ceil().max(1.0) as u32;
-        for i in 1..=moves {
-            let share = f64::from(i) / f64::from(moves);
-            memory.sample.encoder = turned.map(|counts| (counts * share).round() as i64 as u16);
-            supervisor.tick(&mut memory);
-        }
+        home(&mut supervisor, &mut memory, &channels, (arm, first));
         let refusal = check_enable(&board.safety, &supervisor.enable_inputs(), first_row);
         let mut prepared = ControllerSlot::new(next);
         prepared.put(placed.controller, placed.monitors);
