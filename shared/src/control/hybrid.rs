@@ -244,7 +244,7 @@ impl<T: SiScalar> HybridLaw<T> {
             torque: formats
                 .torque
                 .map(|torque| T::shift(formats.moment_arm, formats.force, torque)),
-            motion: MotionCoefficients::new(&p.motion, tick_rate_hz, formats),
+            motion: MotionCoefficients::new(&p.motion, (arm, tick_rate_hz), fine, formats),
         }
     }
 }
@@ -361,6 +361,12 @@ impl<T: Scalar> HybridLaw<T> {
             .scaled(self.link_length[0], count);
         let moment_arm = of_link1.plus(setpoint.moment_arm, count);
         moment_arm.times(force, self.torque[0], count)
+    }
+
+    /// Joint 2's torque of a force (N) along the normal, N m.
+    pub(super) fn force_on_joint2(&self, setpoint: &PoseSetpoint<T>, force: T) -> T {
+        let count = &mut T::SaturationCount::default();
+        setpoint.moment_arm.times(force, self.torque[1], count)
     }
 
     /// Goes over to joint 2's gains of the air, or to those of contact, without a step in the
