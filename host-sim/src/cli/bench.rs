@@ -109,7 +109,7 @@ impl ScenarioArgs {
         asked_gains: Option<&Path>,
         default_gains: &'static str,
     ) -> Result<Bench, CliError> {
-        let config = config::load_scenario(self.scenario.as_deref(), &self.set)?;
+        let mut config = config::load_scenario(self.scenario.as_deref(), &self.set)?;
         let mut common = asked.clone();
         for (given, named) in [
             (&mut common.arm, &config.arm),
@@ -124,6 +124,7 @@ impl ScenarioArgs {
         let (arm, task) = common.load()?;
         let planned = common.plan(&arm, &task)?;
         let (law, law_text) = law_for(gains, default_gains, &planned.plan, &config.scenario)?;
+        config.scenario.for_law(&law);
         let monitors = monitors_for(&common, &arm, &planned.plan, &law)?;
         self.check_faults(&config, &planned.plan)?;
         let then = self.plan_then(&common, &arm, &law)?;

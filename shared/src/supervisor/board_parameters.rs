@@ -44,6 +44,8 @@ pub struct BoardParameters {
     pub start_angle_rad: [f64; 2],
     /// Largest deviation of the root slope there, rad.
     pub start_slope_rad: f64,
+    /// Largest deviation of the motors' angles there, rad, which the hybrid law asks instead.
+    pub start_motor_rad: [f64; 2],
     /// Time without a request after which an enabled arm stops, s.
     pub link_timeout_s: f64,
 }
@@ -165,6 +167,10 @@ impl BoardParameters {
                 self.start_angle_rad[1] as f32,
                 self.start_slope_rad as f32,
             ],
+            start_motor_rad: [
+                self.start_motor_rad[0] as f32,
+                self.start_motor_rad[1] as f32,
+            ],
             link_timeout_ticks: if ticks > 0 { ticks } else { 1 },
         }
     }
@@ -238,6 +244,7 @@ mod tests {
         drive_usable_share: 0.75,
         start_angle_rad: [0.01, 0.02],
         start_slope_rad: 0.03,
+        start_motor_rad: [0.04, 0.05],
         link_timeout_s: 0.1,
     };
 
@@ -259,6 +266,7 @@ mod tests {
         assert_eq!(BOARD.drive_limit_nm(), [30.0, 3.0]);
         let safety = BOARD.safety();
         assert_eq!(safety.start_rad, [0.01, 0.02, 0.03]);
+        assert_eq!(safety.start_motor_rad, [0.04, 0.05]);
         assert_eq!(safety.link_timeout_ticks, 400);
         let never = BoardParameters {
             link_timeout_s: 0.0,

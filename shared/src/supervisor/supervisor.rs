@@ -98,7 +98,11 @@ pub struct SupervisorStatus {
 ///     moment_nm_rad: 2.6,
 ///     range: (16, 4079),
 /// };
-/// let limits = SafetyLimits { start_rad: [0.01; 3], link_timeout_ticks: 100 };
+/// let limits = SafetyLimits {
+///     start_rad: [0.01; 3],
+///     start_motor_rad: [0.01; 2],
+///     link_timeout_ticks: 100,
+/// };
 /// let sample = RawSample { force: 2048, strain: 2048, fresh: true, ..RawSample::default() };
 /// let mut board = MemoryBoard::new(sample);
 /// let (mut running, mut next) = (None, None);

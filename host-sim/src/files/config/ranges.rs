@@ -241,6 +241,7 @@ pub(super) const RANGES: &[Range] = &[
     from("drives.usable_share", 0.01, 1.0, "a share"),
     from("enabling.angle_rad", 0.0, 3.2, "two angles in rad"),
     from("enabling.slope_rad", 0.0, 3.2, "a slope in rad"),
+    from("enabling.motor_rad", 0.0, 3.2, "two angles in rad"),
     from("link.timeout_s", 0.01, 10.0, "a time in s"),
 ];
 

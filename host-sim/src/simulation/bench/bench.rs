@@ -11,7 +11,9 @@ use flexor::fault::Fault;
 use flexor::link::{RawSample, Refusal};
 use flexor::phase::Phase;
 use flexor::signals::Saturation;
-use flexor::supervisor::{ControllerParameters, MonitorParameters, MonitoredController, Monitors};
+use flexor::supervisor::{
+    ControllerParameters, MonitorParameters, MonitoredController, Monitors, StartPose,
+};
 use flexor::table::Table;
 
 /// What all arms of a bench are to do, and with which board.
@@ -343,7 +345,7 @@ fn boards<'a, T: Lanes>(
     if let Some(then) = task.then {
         parameters.controller(&Table::open(then.image)?)?;
     }
-    let first_row = table.cursor::<f32>().row();
+    let start = StartPose::new(&parameters.law, &table.cursor().row());
 
     let mut boards = Vec::with_capacity(arms.len());
     for ((i, arm), places) in arms.iter().enumerate().zip(places) {
@@ -359,7 +361,7 @@ fn boards<'a, T: Lanes>(
         };
         let inside = (placed, places);
         // Brakes hold the arm until it is enabled, and its drives have what holds it.
-        let held = (arm.held(plan), &first_row);
+        let held = (arm.held(plan), &start);
         boards.push(Lane::new(arm, &board, inside, &first, held, rate));
     }
     Ok(boards)

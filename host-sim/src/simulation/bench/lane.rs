@@ -7,10 +7,10 @@ use flexor::control::Controller;
 use flexor::fault::Fault;
 use flexor::link::{Interlocks, RawSample, Refusal};
 use flexor::phase::Phase;
-use flexor::signals::{Reference, Saturation};
+use flexor::signals::Saturation;
 use flexor::supervisor::{
     Calibration, ControllerSlot, DriveScale, MemoryBoard, MonitorParameters, MonitoredController,
-    Monitors, Supervisor, check_enable,
+    Monitors, StartPose, Supervisor, check_enable,
 };
 
 /// What a tick of the board gave.
@@ -85,9 +85,9 @@ fn home(
 impl<'a> Lane<'a> {
     /// A board before the arm, which reads `first`: homed, moved to its start, enabled with
     /// what is `placed`. `places` are where the supervisor keeps its controllers. The drives have been
-    /// commanded `planned` (N m) for long; `first_row` is the table's. Whether the arm is near enough to the table's first row,
-    /// which a board's link asks before it enables, is not asked here: what a campaign draws may be
-    /// farther off, and is to be judged by how it runs.
+    /// commanded `planned` (N m) for long; the table begins at `start`. Whether the arm is near
+    /// enough to that, which a board's link asks before it enables, is told and enables all the
+    /// same: what a campaign draws may be farther off, and is to be judged by how it runs.
     pub(super) fn new(
         arm: &BenchArm,
         board: &BenchBoard,
@@ -96,16 +96,16 @@ impl<'a> Lane<'a> {
             &'a mut [Option<MonitoredController<'a>>; 2],
         ),
         first: &CompliantReading,
-        (planned, first_row): ([f64; 2], &Reference<f32>),
+        (planned, start): ([f64; 2], &StartPose),
         tick_rate_hz: u32,
     ) -> Self {
         let period_s = 1.0 / f64::from(tick_rate_hz);
         let channels = board.channels;
         let mut sensors = Sensors::new(&arm.sensors, period_s, &first.stimulus(), arm.seed);
-        let start = sensors.sample(&first.stimulus(), &channels);
+        let begin = sensors.sample(&first.stimulus(), &channels);
         let mut memory = MemoryBoard::new(RawSample {
             encoder: [0; 2],
-            ..start
+            ..begin
         });
         memory.period_ticks_hw = PERIOD_TICKS_HW;
         let [running, next] = places;
@@ -118,7 +118,7 @@ impl<'a> Lane<'a> {
             tick_rate_hz,
         );
         home(&mut supervisor, &mut memory, &channels, (arm, first));
-        let refusal = check_enable(&board.safety, &supervisor.enable_inputs(), first_row);
+        let refusal = check_enable(&board.safety, &supervisor.enable_inputs(), start);
         let mut prepared = ControllerSlot::new(next);
         prepared.put(placed.controller, placed.monitors);
         let enabled = supervisor.enable(&mut prepared);
