@@ -1,6 +1,8 @@
 //! The command line as a user meets it: results, errors and exit codes.
 
+mod cli_arms;
 mod cli_gains;
+mod cli_moves;
 mod cli_tables;
 
 use serde_json::Value;

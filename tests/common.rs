@@ -140,16 +140,21 @@ impl OnBench {
     /// # Panics
     /// If it is none, or has no plan.
     pub fn new(file: &Path, sets: &[&str]) -> Self {
+        Self::on_law(file, sets, None)
+    }
+
+    /// The same with `law` instead of the scenario's.
+    fn on_law(file: &Path, sets: &[&str], law: Option<LawParameters>) -> Self {
         let sets: Vec<String> = sets.iter().map(ToString::to_string).collect();
-        let config = config::load_scenario(Some(file), &sets).expect("a scenario");
+        let mut config = config::load_scenario(Some(file), &sets).expect("a scenario");
         let (arm, task, gains) = (&config.arm, &config.task, &config.controller);
         let arm = config::load(arm.as_deref(), config::DEFAULT_ARM, config::parse_arm);
         let task = config::load(task.as_deref(), config::DEFAULT_TASK, config::parse_task);
-        let law = config::load(
-            gains.as_deref(),
-            config::DEFAULT_CONTROLLER,
-            config::parse_controller,
-        );
+        let law = law.unwrap_or_else(|| {
+            let file = gains.as_deref();
+            config::load(file, config::DEFAULT_CONTROLLER, config::parse_controller).expect("gains")
+        });
+        config.scenario.for_law(&law);
         let named = config.board.as_deref();
         let board = config::load(named, config::DEFAULT_BOARD, config::parse_board);
         let (arm, mut board) = (arm.expect("an arm"), board.expect("a board").parameters);
@@ -165,7 +170,6 @@ impl OnBench {
             let force = plan.task.normal_force.largest();
             board = board.fitted(plan.peaks.torque, force, slope).0;
         }
-        let law = law.expect("gains");
         Self {
             image: table_fit::fit_table(&plan).expect("a table").image,
             monitors: default_monitors(&plan, &law),
@@ -192,10 +196,7 @@ impl OnBench {
     /// # Panics
     /// As [`new`](Self::new).
     pub fn paper(file: &Path, sets: &[&str]) -> Self {
-        Self {
-            law: paper_law().into(),
-            ..Self::new(file, sets).unmonitored()
-        }
+        Self::on_law(file, sets, Some(paper_law().into())).unmonitored()
     }
 
     /// What every arm is to do.
@@ -208,6 +209,7 @@ impl OnBench {
             monitors: &self.monitors,
             board: &self.board,
             failure: &self.config.scenario.failure,
+            then: None,
         }
     }
 

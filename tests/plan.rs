@@ -6,7 +6,7 @@
 use flexor::model::{ArmParameters, Elbow};
 use flexor_sim::planner::path::{LinePath, Profile};
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
-use flexor_sim::planner::task::{Equations, PlanError, Remedy, Task, Window};
+use flexor_sim::planner::task::{Equations, PlanError, Remedy, Task, Travel, Window};
 use flexor_sim::planner::tip_force::{ForceProfile, NormalForce, SurfaceFriction};
 use flexor_sim::plant::PlantParameters;
 use flexor_sim::simulation::start::{Start, plant_for};
@@ -385,6 +385,7 @@ proptest! {
                 duration,
                 profile: Profile::Poly11,
             },
+            travel: Travel::Line,
             normal_force: force.into(),
             direction: None,
             friction: SurfaceFriction::default(),

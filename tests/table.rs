@@ -6,7 +6,7 @@ use flexor::table::Table;
 use flexor_sim::planner::path::{LinePath, Profile};
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::table_fit::{TORQUE_SHARE, TableFitError, fit_table};
-use flexor_sim::planner::task::{Task, Window};
+use flexor_sim::planner::task::{Task, Travel, Window};
 use flexor_sim::planner::tip_force::SurfaceFriction;
 use flexor_tests::{paper_arm, paper_task, planned};
 use proptest::prelude::*;
@@ -115,6 +115,7 @@ fn along(
             duration,
             profile: Profile::Poly11,
         },
+        travel: Travel::Line,
         normal_force: normal_force.into(),
         direction: None,
         friction: SurfaceFriction::default(),
@@ -304,6 +305,7 @@ prop_compose! {
         };
         let task = Task {
             path: LinePath { from: [0.7, 0.05], to: [to, 0.05], duration, profile: Profile::Poly11 },
+            travel: Travel::Line,
             normal_force: force.into(),
             direction: None,
             friction: SurfaceFriction::default(),

@@ -5,7 +5,7 @@ use flexor::model::ArmParameters;
 use flexor_sim::planner::path::{LinePath, Profile};
 use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
 use flexor_sim::planner::table_fit::{EncodedTable, TORQUE_SHARE, fit_table};
-use flexor_sim::planner::task::{Equations, Task, Window};
+use flexor_sim::planner::task::{Equations, Task, Travel, Window};
 use flexor_sim::planner::tip_force::SurfaceFriction;
 use flexor_tests::{paper_arm, paper_task};
 use proptest::prelude::*;
@@ -61,6 +61,7 @@ impl Units {
                 duration: self.time * path.duration,
                 ..*path
             },
+            travel: Travel::Line,
             normal_force: (self.force() * task.normal_force.largest()).into(),
             friction: SurfaceFriction {
                 way_m: self.length * task.friction.way_m,
@@ -169,6 +170,7 @@ prop_compose! {
         };
         let task = Task {
             path: LinePath { from: [0.7, 0.05], to: [to, 0.05], duration, profile: Profile::Poly11 },
+            travel: Travel::Line,
             normal_force: force.into(),
             direction: None,
             friction: SurfaceFriction { coefficient, ..SurfaceFriction::default() },

@@ -8,8 +8,8 @@ use flexor::link::{
     encode,
 };
 use flexor::supervisor::{
-    ControllerParameters, ControllerSlot, Monitors, Supervisor, SupervisorStatus, check_enable,
-    check_torque_bound, select_table,
+    ControllerParameters, ControllerSlot, Monitors, StartPose, Supervisor, SupervisorStatus,
+    check_enable, check_torque_bound, select_table,
 };
 use flexor::table::{Slot, Table, TableIdentity};
 use rtic::Mutex;
@@ -149,9 +149,9 @@ impl Comms {
         parameters.limits = parameters.limits.at_most(DRIVE_LIMIT_NM);
         let fingerprint = Some(parameters.arm.fingerprint());
         let (slot, table) = select_table(slot, |slot| flash_slots::open(slot, fingerprint))?;
-        let first_row = table.cursor().row();
+        let start = StartPose::new(&parameters.law, &table.cursor().row());
         let inputs = supervisor.lock(|s| s.enable_inputs());
-        check_enable(&SAFETY, &inputs, &first_row)?;
+        check_enable(&SAFETY, &inputs, &start)?;
         check_torque_bound(table.torque_bound(), &parameters.limits)?;
         self.prepare(&table, &parameters)?;
         supervisor.lock(|s| s.enable(&mut self.prepared))?;

@@ -159,6 +159,7 @@ fn campaign_2_s<T: Lanes>(bencher: divan::Bencher<'_, '_>) {
         monitors: &default_monitors(&plan, &law),
         board: &BenchBoard::from(&board.parameters),
         failure: &FailureLimits::default(),
+        then: None,
     };
     let mut setup = BenchSetup::default();
     setup.plant.elements = 8;

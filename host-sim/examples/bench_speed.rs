@@ -40,6 +40,7 @@ fn main() -> Result<()> {
         monitors: &default_monitors(&plan, &law),
         board: &board,
         failure: &FailureLimits::default(),
+        then: None,
     };
     let setup = |elements: f64, stiffness_n_m: f64| {
         let mut setup = BenchSetup::default();

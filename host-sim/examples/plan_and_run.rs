@@ -7,7 +7,7 @@ use flexor_sim::planner::limits::default_limits;
 use flexor_sim::planner::path::{LinePath, Profile};
 use flexor_sim::planner::plan::{PlanOptions, plan};
 use flexor_sim::planner::table_fit;
-use flexor_sim::planner::task::{Task, Window};
+use flexor_sim::planner::task::{Task, Travel, Window};
 use flexor_sim::planner::tip_force::SurfaceFriction;
 use flexor_sim::plant::PlantParameters;
 use flexor_sim::simulation::closed_loop::{RunOptions, Simulation};
@@ -23,6 +23,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             duration: 2.0,
             profile: Profile::Poly11,
         },
+        travel: Travel::Line,
         normal_force: 2.0.into(),
         direction: None,
         friction: SurfaceFriction::default(),

@@ -22,14 +22,21 @@ pub enum Phase {
     Lost,
     /// Stops, takes the force away and lifts the tip off.
     Retract,
-    /// Stands, drives on.
+    /// Stands where a run was left, drives on.
     Hold,
+    /// Stands where a move through the air was to end, drives on.
+    Park,
 }
 
 impl Phase {
-    /// Stable number, from 0 for free to 6 for hold.
+    /// Stable number, from 0 for free to 7 for park.
     pub fn number(self) -> u8 {
         self as u8
+    }
+
+    /// Whether the arm stands, and another table may begin.
+    pub fn stands(self) -> bool {
+        matches!(self, Self::Hold | Self::Park)
     }
 
     /// Stable name in snake case, as logs and summaries show it.
@@ -42,6 +49,7 @@ impl Phase {
             Self::Lost => "lost",
             Self::Retract => "retract",
             Self::Hold => "hold",
+            Self::Park => "park",
         }
     }
 }

@@ -58,34 +58,42 @@ fn measure() -> Result<Figures> {
     check_panic_free(&listing)?;
     check_stack_below_data(&elf)?;
     let sizes = sizes(&elf)?;
-    let run = run(&elf)?;
+    let [hybrid, paper] = pil::GAINS.map(|gains| run(&elf, gains));
+    let (hybrid, paper) = (hybrid?, paper?);
     ensure!(
-        run["slot"] == "A",
+        hybrid["slot"] == "A",
         "the image's own table is not in slot A, but in {}",
-        run["slot"]
+        hybrid["slot"]
     );
-    let figure = |key: &str| {
+    let figure = |run: &Value, key: &str| {
         let value = run[key].as_u64();
         value.with_context(|| format!("flexor pil found no {key}: {}", run[key]))
     };
+    // The law that needs more of it.
+    let stack = figure(&hybrid, "stack_bytes")?.max(figure(&paper, "stack_bytes")?);
+    let (median, most) = ("instructions_median", "instructions_max");
     Ok([
         ("flash_bytes", sizes.flash),
         ("ram_bytes", sizes.ram),
-        ("stack_bytes", figure("stack_bytes")?),
-        ("tick_instructions_median", figure("instructions_median")?),
-        ("tick_instructions_max", figure("instructions_max")?),
+        ("stack_bytes", stack),
+        ("tick_instructions_median", figure(&paper, median)?),
+        ("tick_instructions_max", figure(&paper, most)?),
+        ("hybrid_tick_instructions_median", figure(&hybrid, median)?),
+        ("hybrid_tick_instructions_max", figure(&hybrid, most)?),
         ("masked_instructions_max", masked_instructions(&listing)?),
     ]
     .map(|(name, value)| (name.to_owned(), value))
     .into())
 }
 
-/// Runs the image in QEMU; the summary.
-fn run(elf: &Path) -> Result<Value> {
+/// Runs the image in QEMU with gains of the examples; the summary.
+fn run(elf: &Path, gains: &str) -> Result<Value> {
     let mut flexor = pil::flexor(Some(elf));
     flexor.args(["--json", "--start", "equilibrium"]);
     flexor.args(["--bending-stiffness-scale", "0.9"]);
-    flexor.arg("--task").arg(root().join("examples/task.toml"));
+    let examples = root().join("examples");
+    flexor.arg("--task").arg(examples.join("task.toml"));
+    flexor.arg("--controller").arg(examples.join(gains));
     flexor
         .arg("--out")
         .arg(firmware::target_folder().join("budget"));

@@ -30,7 +30,7 @@ pub(crate) struct Files {
     /// The task, whose table goes into slot A; without it examples/task.toml.
     #[arg(long, value_name = "FILE")]
     task: Option<PathBuf>,
-    /// Gains; without it examples/controller_paper.toml.
+    /// Gains; without it examples/controller.toml.
     #[arg(long, value_name = "FILE")]
     controller: Option<PathBuf>,
 }
@@ -93,7 +93,7 @@ pub(crate) fn plan_files(files: &Files) -> Result<Demo> {
     let arm = config::load(files.arm.as_deref(), config::DEFAULT_ARM, config::parse_arm)?;
     let law = config::load(
         files.controller.as_deref(),
-        config::PAPER_CONTROLLER,
+        config::DEFAULT_CONTROLLER,
         config::parse_controller,
     )?;
     let task = config::load(
@@ -188,7 +188,7 @@ mod tests {
             board: Some(root().join("boards/stm32f405.toml")),
             arm: example("arm.toml"),
             task: example("task.toml"),
-            controller: example("controller_paper.toml"),
+            controller: example("controller.toml"),
         };
         let named = plan_files(&files).unwrap();
         assert_eq!(default.setup, named.setup);

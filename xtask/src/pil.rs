@@ -10,8 +10,8 @@ use std::process::Command;
 /// Options of the verb `pil`.
 #[derive(Args, Default)]
 pub(crate) struct Options {
-    /// Options of `flexor pil`. Without any: the examples' task and their fast one, each
-    /// against an arm of a tenth less stiffness, and 2,000 measurements of arbitrary bits.
+    /// Options of `flexor pil`. Without any: the examples' task and their fast one, with either
+    /// law, against an arm of a tenth less stiffness, and 2,000 measurements of arbitrary bits.
     #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
     arguments: Vec<OsString>,
 }
@@ -29,18 +29,29 @@ pub(crate) fn pil(options: &Options) -> Result<()> {
     }
     let elf = firmware::build()?;
     let out = root().join("out/pil");
+    let examples = root().join("examples");
     for (task, random) in [("task.toml", "0"), ("task_fast.toml", "2000")] {
-        announce(&format!("processor in the loop, examples/{task}"));
-        // The softer plant gives the feedback work to do.
-        run(flexor(Some(&elf))
-            .args(["--bending-stiffness-scale", "0.9", "--random", random])
-            .arg("--task")
-            .arg(root().join("examples").join(task))
-            .arg("--out")
-            .arg(out.join(task).with_extension("")))?;
+        for gains in GAINS {
+            announce(&format!(
+                "processor in the loop, examples/{task}, examples/{gains}"
+            ));
+            let name = format!("{task}_{gains}").replace(".toml", "");
+            // The softer plant gives the feedback work to do.
+            run(flexor(Some(&elf))
+                .args(["--bending-stiffness-scale", "0.9", "--random", random])
+                .arg("--task")
+                .arg(examples.join(task))
+                .arg("--controller")
+                .arg(examples.join(gains))
+                .arg("--out")
+                .arg(out.join(name)))?;
+        }
     }
     Ok(())
 }
+
+/// Gains of either law, the image's own first.
+pub(crate) const GAINS: [&str; 2] = ["controller.toml", "controller_paper.toml"];
 
 /// `flexor pil`, built where it is not, with an image or without one named.
 pub(crate) fn flexor(elf: Option<&Path>) -> Command {

@@ -160,12 +160,10 @@ fn prepare(demo: &Demo) -> Result<(Prepared, PathBuf)> {
         )?)?)
     };
     let mut environment = vec![("FLEXOR_TABLE", file("table.bin", &demo.table.image)?)];
-    let hybrid = config::parse_controller("controller.toml", config::DEFAULT_CONTROLLER)?;
+    let paper = config::parse_controller("controller_paper.toml", config::PAPER_CONTROLLER)?;
     let mut runs = vec![];
-    for ((variables, law), (name, _)) in VARIABLES
-        .into_iter()
-        .zip([demo.setup.law, hybrid])
-        .zip(LAWS)
+    for ((variables, law), (name, _)) in
+        VARIABLES.into_iter().zip([paper, demo.setup.law]).zip(LAWS)
     {
         let (coefficients, recordings) = record(demo, &law)?;
         for ((variable, bytes), image) in variables.into_iter().zip(coefficients).zip(IMAGES) {

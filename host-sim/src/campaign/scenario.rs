@@ -7,6 +7,7 @@ use crate::campaign::verdict::Limits as VerdictLimits;
 use crate::model::geometric_stiffness::GeometricStiffness;
 use crate::plant::bench::{GaugeSignal, RandomStream, SurfaceFeature};
 use crate::simulation::bench::{FailureLimits, TimedFault};
+use flexor::control::LawParameters;
 
 /// A scenario, checked.
 #[derive(Clone, Debug, Default)]
@@ -15,7 +16,8 @@ pub struct Scenario {
     pub numbers: Vec<(&'static Key, Distribution)>,
     /// Axial forces that change the bending stiffness.
     pub geometric_stiffness: GeometricStiffness,
-    /// What the root gauge shows; `None` for the default.
+    /// What the root gauge shows; `None` for the moment, as a gauge does, or what
+    /// [`for_law`](Self::for_law) makes of it.
     pub gauge_signal: Option<GaugeSignal>,
     /// Steps, holes and ends of the surface.
     pub features: Vec<SurfaceFeature>,
@@ -38,6 +40,15 @@ impl Scenario {
             .iter()
             .filter(|(_, distribution)| distribution.is_spread())
             .map(|(key, _)| key.name)
+    }
+
+    /// Where nothing is said of what the root gauge shows: for this law what it asks for, the moment
+    /// for the hybrid law and the slope, which no gauge shows, for the paper's.
+    pub fn for_law(&mut self, law: &LawParameters) {
+        self.gauge_signal.get_or_insert(match law {
+            LawParameters::Paper(_) => GaugeSignal::Slope,
+            LawParameters::Hybrid(_) => GaugeSignal::Moment,
+        });
     }
 
     /// The arm in the middle of every spread.
@@ -95,4 +106,32 @@ fn name_hash(name: &str) -> u64 {
         (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193)
     });
     u64::from(hash)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use flexor::control::HybridParameters;
+
+    #[test]
+    fn the_gauge_shows_what_the_law_asks_for_unless_the_scenario_says_otherwise() {
+        let hybrid = HybridParameters::PAPER_ARM_HUB.into();
+        let paper = LawParameters::FEEDFORWARD;
+        let shown = |said, law: &LawParameters| {
+            let mut scenario = Scenario {
+                gauge_signal: said,
+                ..Scenario::default()
+            };
+            scenario.for_law(law);
+            let drawn = scenario.draw(1).0;
+            assert_eq!(drawn, scenario.middle());
+            drawn.sensors.gauge_signal
+        };
+        assert_eq!(shown(None, &hybrid), GaugeSignal::Moment);
+        assert_eq!(shown(None, &paper), GaugeSignal::Slope);
+        for said in [GaugeSignal::Moment, GaugeSignal::Slope] {
+            assert_eq!(shown(Some(said), &hybrid), said);
+            assert_eq!(shown(Some(said), &paper), said);
+        }
+    }
 }

@@ -39,14 +39,12 @@ const FLANKS: GearPlay = GearPlay {
 
 impl Default for BenchSetup {
     /// The arm as planned, in four elements, on a hard surface without friction, with ideal
-    /// joints, drives and sensors, and the gauge showing the slope.
+    /// joints, drives and sensors.
     fn default() -> Self {
         let plane = crate::model::configuration::Surface {
             normal: [0.0, 1.0],
             offset_m: 0.0,
         };
-        let mut sensors = SensorParameters::ideal(1.0, plane.normal);
-        sensors.gauge_signal = crate::plant::bench::GaugeSignal::Slope;
         Self {
             plant: PlantParameters {
                 elements: 4,
@@ -57,7 +55,7 @@ impl Default for BenchSetup {
             compliant: CompliantParameters::ideal(SurfaceProfile::flat(plane)),
             tilt_about_m: None,
             gear_play: [FLANKS; 2],
-            sensors,
+            sensors: SensorParameters::ideal(1.0, plane.normal),
             course: Course::default(),
             faults: vec![],
         }

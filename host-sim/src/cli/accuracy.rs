@@ -31,7 +31,7 @@ pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
     let inputs = args.common.inputs();
     let inputs = inputs.into_iter().chain([args.controller.as_deref()]);
     let output = Output::open(&args.out, inputs)?;
-    let (arm, task) = args.common.load()?;
+    let (arm, task) = args.common.load_on_surface("`flexor accuracy`")?;
     let law = controller(
         args.controller.as_deref(),
         crate::files::config::PAPER_CONTROLLER,

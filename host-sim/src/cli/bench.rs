@@ -12,9 +12,9 @@ use crate::files::config::{
 };
 use crate::files::export;
 use crate::planner::plan::Plan;
-use crate::planner::task::Task;
+use crate::planner::task::{Task, Travel};
 use crate::planner::tip_force::NormalForce;
-use crate::simulation::bench::{self, BenchArm, BenchBoard, BenchLog, BenchTask, RunFigures};
+use crate::simulation::bench::{self, BenchArm, BenchBoard, BenchLog, BenchTask, RunFigures, Then};
 use crate::text::{Shortest, four_digits};
 use clap::Args;
 use flexor::control::LawParameters;
@@ -36,6 +36,10 @@ pub(super) struct ScenarioArgs {
     /// A value of the scenario, say contact.friction=0.3; may be given several times
     #[arg(long, value_name = "KEY=VALUE")]
     pub(super) set: Vec<String>,
+    /// A move through the air that every arm goes over to once it stands after the task
+    /// [examples/task_park.toml]
+    #[arg(long, value_name = "FILE")]
+    pub(super) then: Option<PathBuf>,
 }
 
 /// Gains of the hybrid law are held against the scenario's arms before anything runs.
@@ -86,6 +90,8 @@ pub(super) struct Bench {
     monitors: MonitorParameters,
     /// The board.
     pub(super) board: BenchBoard,
+    /// What follows, and the thresholds of the monitors meanwhile.
+    then: Option<(Planned, MonitorParameters)>,
     /// The scenario.
     pub(super) config: ScenarioConfig,
     /// What a reader should know, once it is clear that something runs.
@@ -103,7 +109,7 @@ impl ScenarioArgs {
         asked_gains: Option<&Path>,
         default_gains: &'static str,
     ) -> Result<Bench, CliError> {
-        let config = config::load_scenario(self.scenario.as_deref(), &self.set)?;
+        let mut config = config::load_scenario(self.scenario.as_deref(), &self.set)?;
         let mut common = asked.clone();
         for (given, named) in [
             (&mut common.arm, &config.arm),
@@ -118,52 +124,62 @@ impl ScenarioArgs {
         let (arm, task) = common.load()?;
         let planned = common.plan(&arm, &task)?;
         let (law, law_text) = law_for(gains, default_gains, &planned.plan, &config.scenario)?;
+        config.scenario.for_law(&law);
         let monitors = monitors_for(&common, &arm, &planned.plan, &law)?;
         self.check_faults(&config, &planned.plan)?;
+        let then = self.plan_then(&common, &arm, &law)?;
         let (board, note) = board_for(&common, &planned.plan)?;
         let mut inputs = vec![input(
             "scenario",
             self.scenario.as_deref(),
             config.canonical.clone(),
         )];
-        for (option, said, file, default) in [
-            (
-                "arm",
-                &asked.arm,
-                common.arm.as_deref(),
-                config::DEFAULT_ARM,
-            ),
-            (
-                "task",
-                &asked.task,
-                common.task.as_deref(),
-                config::DEFAULT_TASK,
-            ),
-            (
-                "board",
-                &asked.board,
-                common.board.as_deref(),
-                config::DEFAULT_BOARD,
-            ),
-        ] {
-            let mut text = text(file, default)?;
-            if option == "task" {
-                // The file of a force profile decides the runs, too.
-                text.push_str(&profile_text(&task));
-            }
-            inputs.push(input(option, said.as_deref(), text));
-        }
+        inputs.extend(file_texts(asked, &common, &task)?);
         inputs.push(input("controller", asked_gains, law_text));
+        if let (Some(file), Some((then, _))) = (&self.then, &then) {
+            let said = text(Some(file), "")? + &move_text(&then.plan.task);
+            inputs.push(input("then", Some(file), said));
+        }
         inputs.extend(self.values(asked, planned.plan.tick_rate_hz));
         Ok(Bench {
             planned,
             law,
             monitors,
             board,
+            then,
             config,
             note,
             inputs,
         })
+    }
+
+    /// The move that follows, planned for `arm`, and thresholds for it.
+    fn plan_then(
+        &self,
+        common: &Common,
+        arm: &ArmConfig,
+        law: &LawParameters,
+    ) -> Result<Option<(Planned, MonitorParameters)>, CliError> {
+        let Some(file) = &self.then else {
+            return Ok(None);
+        };
+        if law.paper().is_some() {
+            return Err(CliError::NoEffect {
+                what: "--then",
+                beside: "with law = \"paper\", which leaves no arm standing: the hybrid law does",
+            });
+        }
+        let of_move = Common {
+            task: Some(file.clone()),
+            ..common.clone()
+        };
+        let (_, task) = of_move.load()?;
+        if let Travel::Line = task.travel {
+            return Err(CliError::NoMove { file: file.clone() });
+        }
+        let planned = of_move.plan(arm, &task)?;
+        let monitors = monitors_for(common, arm, &planned.plan, law)?;
+        Ok(Some((planned, monitors)))
     }
 
     /// A fault that no run lives to see is a mistake.
@@ -221,7 +237,7 @@ fn board_for(common: &Common, plan: &Plan) -> Result<(BenchBoard, Option<String>
         board.fitted(plan.peaks.torque, plan.task.normal_force.largest(), slope);
     let note = enlarged.then(|| {
         format!(
-            "the default board's ranges are too small for this arm; the bench takes drives of {} and {} N m, a force cell of {} N, a gauge of {} rad; --board FILE says what there is",
+            "the default board's ranges do not fit this arm; the bench takes drives of {} and {} N m, a force cell of {} N, a gauge of {} rad; --board FILE says what there is",
             board.drive_full_scale_nm[0],
             board.drive_full_scale_nm[1],
             board.force_range_n[1],
@@ -229,6 +245,26 @@ fn board_for(common: &Common, plan: &Plan) -> Result<(BenchBoard, Option<String>
         )
     });
     Ok((BenchBoard::from(&board), note))
+}
+
+/// The texts of arm, task and board: `asked` is what the command line said, `common` what holds.
+fn file_texts(
+    asked: &Common,
+    common: &Common,
+    task: &Task,
+) -> Result<[CampaignInput; 3], ConfigError> {
+    let of = |option: &str, said: &Option<PathBuf>, file: &Option<PathBuf>, default: &str| {
+        text(file.as_deref(), default).map(|text| input(option, said.as_deref(), text))
+    };
+    let mut of_task = of("task", &asked.task, &common.task, config::DEFAULT_TASK)?;
+    // The files that it names decide the runs, too.
+    of_task.text.push_str(&profile_text(task));
+    of_task.text.push_str(&move_text(task));
+    Ok([
+        of("arm", &asked.arm, &common.arm, config::DEFAULT_ARM)?,
+        of_task,
+        of("board", &asked.board, &common.board, config::DEFAULT_BOARD)?,
+    ])
 }
 
 /// An input that decides the runs; `said` is what the command line named it by, nothing where the
@@ -253,6 +289,20 @@ fn profile_text(task: &Task) -> String {
             format!(
                 "\n# The force along the path:\n{}",
                 points.collect::<String>()
+            )
+        }
+    }
+}
+
+/// The ends of a move through the air, as a comment in a task's text.
+fn move_text(task: &Task) -> String {
+    match task.travel {
+        Travel::Line => String::new(),
+        Travel::Joints(way) => {
+            let [from, to] = way.ends.map(|end| end.map(Shortest));
+            format!(
+                "\n# The joints' way: from {}, {} to {}, {} rad\n",
+                from[0], from[1], to[0], to[1]
             )
         }
     }
@@ -342,6 +392,12 @@ impl Bench {
             monitors: &self.monitors,
             board: &self.board,
             failure: &self.config.scenario.failure,
+            then: self.then.as_ref().map(|(then, monitors)| Then {
+                plan: &then.plan,
+                image: &then.table.image,
+                limits: &then.limits,
+                monitors,
+            }),
         }
     }
 }

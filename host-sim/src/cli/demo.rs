@@ -33,7 +33,7 @@ pub(super) fn demo(args: &DemoArgs) -> Result<(), CliError> {
     let inputs = args.common.inputs();
     let inputs = inputs.into_iter().chain([args.controller.as_deref()]);
     let output = Output::open(&args.out, inputs)?;
-    let (arm, task) = args.common.load()?;
+    let (arm, task) = args.common.load_on_surface("`flexor demo`")?;
     let law = paper_law("demo", args.controller.as_deref())?;
     if !law.feedforward {
         return Err(CliError::NoEffect {

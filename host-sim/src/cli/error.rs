@@ -99,6 +99,12 @@ pub(super) enum CliError {
         command: &'static str,
         law: &'static str,
     },
+    #[error(
+        "{what} needs a task along a surface, and this one is a move through the air; `flexor plan`, and `flexor run` and `flexor campaign` on the bench, take it"
+    )]
+    Move { what: &'static str },
+    #[error("{}: --then takes a move through the air, with a [move]", file.display())]
+    NoMove { file: PathBuf },
     #[error(transparent)]
     Hybrid(#[from] HybridError),
     #[error("these gains do not hold every arm: {why}")]
@@ -182,6 +188,8 @@ impl CliError {
             | Self::At { .. }
             | Self::Map { .. }
             | Self::NoEffect { .. }
+            | Self::Move { .. }
+            | Self::NoMove { .. }
             | Self::PaperLawOnly { .. }
             | Self::Unproven { .. }
             | Self::RootInertia { .. }

@@ -33,7 +33,7 @@ use self::folder::Output;
 use self::output::{print, print_facts, progress_bar, results, say};
 use crate::files::config;
 use crate::files::config::{ArmConfig, BoardConfig};
-use crate::planner::task::Task;
+use crate::planner::task::{Task, Travel};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use flexor::control::{LawParameters, PaperParameters};
 use std::ffi::OsString;
@@ -178,12 +178,29 @@ impl Common {
 
     fn load(&self) -> Result<(ArmConfig, Task), CliError> {
         let arm = config::load(self.arm.as_deref(), config::DEFAULT_ARM, config::parse_arm)?;
-        let task = config::load(
+        let of_move = config::load(
             self.task.as_deref(),
             config::DEFAULT_TASK,
-            config::parse_task,
+            config::parse_move,
         )?;
+        let task = match of_move {
+            Some(of_move) => of_move.task(&arm.arm, arm.elements)?,
+            None => config::load(
+                self.task.as_deref(),
+                config::DEFAULT_TASK,
+                config::parse_task,
+            )?,
+        };
         Ok((arm, task))
+    }
+
+    /// As [`load`](Self::load), for `what`, which knows no move through the air.
+    fn load_on_surface(&self, what: &'static str) -> Result<(ArmConfig, Task), CliError> {
+        let (arm, task) = self.load()?;
+        match task.travel {
+            Travel::Line => Ok((arm, task)),
+            Travel::Joints(_) => Err(CliError::Move { what }),
+        }
     }
 
     /// The board: the file's, or without one the default.

@@ -341,7 +341,9 @@ impl SimulationArgs {
     /// Reads the files and plans.
     pub(super) fn prepare(&self) -> Result<Simulation, CliError> {
         self.check_gains()?;
-        let (arm, task) = self.common.load()?;
+        let (arm, task) = self
+            .common
+            .load_on_surface("the rigid surface of --ideal and pil")?;
         let law = controller(self.controller.as_deref(), config::PAPER_CONTROLLER)?;
         self.check_mode(&law)?;
         let (mut plant, mut start) = config::load(self.plant.as_deref(), "", config::parse_plant)?;

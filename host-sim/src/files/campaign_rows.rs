@@ -407,12 +407,12 @@ mod tests {
              force_error_rms_N,force_error_max_N,along_error_rms_m,along_error_max_m,\
              contact_lost_s,contact_lost_longest_s,force_max_N,torque1_max_Nm,torque2_max_Nm,\
              ended_s,approach_force_max_N,touched_s,begun_s,before_losses,after_force_max_N,\
-             after_way_m,after_speed_m_s,limited_ticks"
+             after_way_m,after_speed_m_s,parked_off_m,limited_ticks"
         );
         assert_eq!(
             lines[1],
             "2,18446744073709551613,0.1,-10,completed,false,\
-             0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,3"
+             0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,0.1,3"
         );
         assert!(lines[3].contains(",sensor_range,true,inf,"), "{}", lines[3]);
     }

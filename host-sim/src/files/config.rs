@@ -7,6 +7,7 @@ mod arm;
 mod board;
 mod controller;
 mod hybrid;
+mod moves;
 mod plant;
 mod ranges;
 #[cfg(feature = "campaign")]
@@ -29,6 +30,7 @@ use std::path::Path;
 pub use arm::{ArmConfig, parse_arm};
 pub use board::{BoardConfig, parse_board};
 pub use controller::{DERIVATIVE_FILTER_HZ, controller_toml, parse_controller};
+pub use moves::parse_move;
 pub use plant::parse_plant;
 #[cfg(feature = "campaign")]
 pub use scenario::{ScenarioConfig, load_scenario, parse_scenario};

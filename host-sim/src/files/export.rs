@@ -204,6 +204,7 @@ pub fn bench_json(figures: &RunFigures) -> Map<String, Value> {
             json!(figures.contact_lost_longest_s),
         ),
         ("force_max_N", json!(figures.force_max_n)),
+        ("parked_off_m", json!(figures.parked_off_m)),
     ])
 }
 

@@ -82,18 +82,8 @@ impl<'a> Deflection<'a> {
 
     /// The equation at a time, s.
     fn equation(&self, t: f64) -> DeflectionEquation {
-        let tip = self.task.path.at(t);
-        // The path has been checked; where rounding at its edge still refuses, rest.
-        let joint = self
-            .model
-            .kinematics
-            .inverse_motion(
-                tip.position,
-                tip.velocity,
-                tip.acceleration,
-                self.model.arm.elbow,
-            )
-            .unwrap_or_default();
+        let (kinematics, elbow) = (&self.model.kinematics, self.model.arm.elbow);
+        let (_, joint) = self.task.motion(kinematics, elbow, t);
         let configuration = Configuration::new(self.model, joint.angle);
         deflection_equation(
             self.model,
@@ -194,11 +184,8 @@ pub(super) fn rigid_torque(model: &ArmModel, task: &Task, surface: &Surface) -> 
     let path = &task.path;
     for i in 0..=SAMPLES {
         let t = path.duration * f64::from(i) / f64::from(SAMPLES);
-        let tip = path.at(t);
         let force = task.force_at(surface, t);
-        let (at, elbow) = (&model.kinematics, model.arm.elbow);
-        let joint = at.inverse_motion(tip.position, tip.velocity, tip.acceleration, elbow);
-        let joint = joint.unwrap_or_default();
+        let (_, joint) = task.motion(&model.kinematics, model.arm.elbow, t);
         let motion = Motion {
             configuration: Configuration::new(model, joint.angle),
             joint,

@@ -3,6 +3,9 @@
 pub mod collocation;
 mod elastic_bvp;
 mod feasible;
+pub mod free_move;
+#[cfg(test)]
+mod free_move_tests;
 pub mod limits;
 pub mod monitors;
 pub mod path;

@@ -23,6 +23,10 @@ const MOMENT_SHARES: [f64; 2] = [0.1, 0.25];
 /// The same of the balance: friction on the surface, weight, and what the plan does not know of the
 /// link's motion; and of the balance that lasts, where the motion counts for less.
 const BALANCE_SHARES: [[f64; 2]; 2] = [[0.3, 0.85], [0.4, 0.15]];
+/// In the air all of it is weight and motion, and what lasts may be as much as what is short; and a
+/// slow torque loop leaves more over of a smaller torque.
+const BALANCE_SHARES_FREE: [[f64; 2]; 2] = [[0.0, 0.85]; 2];
+const MOMENT_SHARES_FREE: [f64; 2] = [0.0, 0.5];
 /// Least threshold of a moment, N m: a gauge's offset and noise.
 const LEAST_NM: f64 = 0.05;
 
@@ -36,16 +40,30 @@ pub fn planned_speed(plan: &Plan) -> [f64; 2] {
     })
 }
 
+/// Largest planned moment that the inertia at link 2's root takes of joint 2's torque, N m: what a
+/// gauge behind it does not see.
+fn hub_moment(plan: &Plan) -> f64 {
+    let rate_hz = f64::from(plan.tick_rate_hz);
+    let of_ticks = plan.points.windows(2).map(|pair| {
+        let bending = (pair[1].root_slope_rate - pair[0].root_slope_rate) * rate_hz;
+        (pair[0].joint.acceleration[1] + bending).abs()
+    });
+    plan.model.arm.root_inertia_kgm2 * of_ticks.fold(0.0, f64::max)
+}
+
 /// Thresholds for arms that differ from the plan as a careful, but uncalibrated set-up does: beyond
 /// what 500 of those show, and beyond what is planned. Without a gauge in the law (no torque loop)
-/// nothing is asked of one, and without feedback nothing of the force cell either.
+/// nothing is asked of one, and without feedback, or a force in the plan, nothing of the force cell
+/// either.
 pub fn default_monitors(plan: &Plan, law: &LawParameters) -> MonitorParameters {
     let slopes = plan.points.iter().map(|point| point.root_slope.abs());
     let root_slope = slopes.fold(0.0, f64::max);
     let force = plan.task.normal_force.largest();
     let of_force = plan.model.arm.link2_length_m * force;
-    let moment =
-        |[force, torque]: [f64; 2]| LEAST_NM.max(force * of_force + torque * plan.peaks.torque[1]);
+    let hub = hub_moment(plan);
+    let moment = |[force, torque]: [f64; 2]| {
+        LEAST_NM.max(force * of_force + torque * plan.peaks.torque[1]) + hub
+    };
     let (gauge, cell) = match law {
         LawParameters::Hybrid(hybrid) => (hybrid.torque_loop_per_s > 0.0, true),
         LawParameters::Paper(paper) => (paper.has_feedback(), paper.has_feedback()),
@@ -57,17 +75,23 @@ pub fn default_monitors(plan: &Plan, law: &LawParameters) -> MonitorParameters {
             f32::INFINITY
         }
     };
+    let (moment_shares, balance_shares) = if force > 0.0 {
+        (MOMENT_SHARES, BALANCE_SHARES)
+    } else {
+        (MOMENT_SHARES_FREE, BALANCE_SHARES_FREE)
+    };
     let speed = planned_speed(plan);
     let path2 = PATH2_RAD + PATH2_SLOPE_SHARE * root_slope;
     MonitorParameters {
         path_rad: [PATH1_RAD as f32, path2 as f32],
         speed_rad_s: [0, 1].map(|i| (SPEED_SHARES[i] * speed[i] + SPEED_RAD_S) as f32),
-        force_n: if cell {
+        // In the air a quiet cell shows one count throughout, and cannot be told from a frozen one.
+        force_n: if cell && force > 0.0 {
             (FORCE_SHARE * force + FORCE_N) as f32
         } else {
             f32::INFINITY
         },
-        root_moment_nm: of_gauge(moment(MOMENT_SHARES)),
-        balance_nm: BALANCE_SHARES.map(|shares| of_gauge(moment(shares))),
+        root_moment_nm: of_gauge(moment(moment_shares)),
+        balance_nm: balance_shares.map(|shares| of_gauge(moment(shares))),
     }
 }

@@ -1,4 +1,6 @@
-//! Where the tip shall be: a straight line, travelled from rest to rest.
+//! Where the tip or the joints shall be: a straight line of either, travelled from rest to rest.
+
+use flexor::model::JointMotion;
 
 /// Rest-to-rest profiles `s(x)`, `x` and `s` from 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -117,6 +119,34 @@ impl LinePath {
             }
         }
         high * self.duration
+    }
+}
+
+/// The joints' way of a move through the air: each straight to its end.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JointWay {
+    /// Links' angles (theta10, theta20) at both ends, rad.
+    pub ends: [[f64; 2]; 2],
+}
+
+impl JointWay {
+    /// The joints' motion at `progress` and its first two derivatives, 1/s and 1/s^2.
+    pub fn at(&self, [s, rate, acceleration]: [f64; 3]) -> JointMotion<f64> {
+        let [from, to] = self.ends;
+        let way = [to[0] - from[0], to[1] - from[1]];
+        JointMotion {
+            angle: [0, 1].map(|i| from[i] + way[i] * s),
+            rate: way.map(|way| way * rate),
+            acceleration: way.map(|way| way * acceleration),
+        }
+    }
+
+    /// Whether nothing moves, to rounding.
+    pub(super) fn is_point(&self) -> bool {
+        /// Least angle that counts, rad.
+        const LEAST_RAD: f64 = 1e-9;
+        let [from, to] = self.ends;
+        (0..2).all(|i| (to[i] - from[i]).abs() <= LEAST_RAD)
     }
 }
 

@@ -19,8 +19,8 @@ use crate::model::printed::inverse_as_printed;
 use crate::planner::collocation::Solution;
 use crate::planner::elastic_bvp::{Deflection, largest, rigid_torque};
 use crate::planner::feasible::{angles_at, check_friction, check_path, lever_ratio};
-use crate::planner::path::{LinePath, Profile, TipMotion};
-use crate::planner::task::{Equations, PlanError, Remedy, SLOPE_MAX_RAD, Task, surface};
+use crate::planner::path::{Profile, TipMotion};
+use crate::planner::task::{Equations, PlanError, Remedy, SLOPE_MAX_RAD, Task, Travel, surface};
 use crate::planner::tip_force::{NormalForce, TipForce};
 use crate::planner::zeros::{fastest_zero, window_length};
 use crate::text::Shortest;
@@ -113,12 +113,16 @@ struct Branch {
 }
 
 impl Branch {
-    fn of(path: &LinePath) -> Self {
-        let ([x0, y0], [x1, y1]) = (path.from, path.to);
-        let crosses = (y0 < 0.0) != (y1 < 0.0) && x0 * y1 - x1 * y0 != 0.0 && {
-            let crossing = y0 / (y0 - y1);
-            x0 + crossing * (x1 - x0) < 0.0
-        };
+    fn of(task: &Task) -> Self {
+        let ([x0, y0], [x1, y1]) = (task.path.from, task.path.to);
+        // Angles that are given are continuous.
+        let crosses = task.travel == Travel::Line
+            && (y0 < 0.0) != (y1 < 0.0)
+            && x0 * y1 - x1 * y0 != 0.0
+            && {
+                let crossing = y0 / (y0 - y1);
+                x0 + crossing * (x1 - x0) < 0.0
+            };
         let turn = core::f64::consts::TAU;
         match (crosses, y0 < 0.0) {
             (false, _) => Self {
@@ -258,13 +262,17 @@ fn attempt(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<Pl
     let model = ArmModel::new(arm, elements)?;
     let surface = surface(task, arm)?;
     let path = task.path;
-    check_path(&model, &path)?;
-    check_friction(&model, task, &surface)?;
-
-    let ends = [
-        angles_at(&model, &path, 0.0)?,
-        angles_at(&model, &path, 1.0)?,
-    ];
+    let ends = match &task.travel {
+        Travel::Line => {
+            check_path(&model, &path)?;
+            check_friction(&model, task, &surface)?;
+            [
+                angles_at(&model, &path, 0.0)?,
+                angles_at(&model, &path, 1.0)?,
+            ]
+        }
+        Travel::Joints(way) => way.ends,
+    };
     let forces = [0.0, path.duration].map(|t| task.force_at(&surface, t));
     let (pre_ticks, ticks) = ticks(&model, task, ends, forces, tick_rate_hz)?;
     let rate = f64::from(tick_rate_hz);
@@ -287,7 +295,7 @@ fn attempt(arm: &ArmParameters, task: &Task, options: &PlanOptions) -> Result<Pl
     let solution = problem.solve(span, [&rest_start, &rest_end])?;
 
     let mut plan = Plan {
-        branch: Branch::of(&path),
+        branch: Branch::of(task),
         surface,
         task: task.clone(),
         equations,
@@ -460,6 +468,9 @@ impl Plan {
         if let NormalForce::Along(profile) = &self.task.normal_force {
             values.extend(profile.way_points().flatten());
         }
+        if let Travel::Joints(way) = &self.task.travel {
+            values.extend(way.ends.into_iter().flatten());
+        }
         fingerprint("flexor task 1", &values)
     }
 
@@ -546,16 +557,7 @@ impl Sampler<'_> {
     pub fn at(&mut self, t: f64) -> PlanPoint {
         let plan = self.plan;
         let model = &plan.model;
-        let tip = plan.task.path.at(t);
-        let mut joint = model
-            .kinematics
-            .inverse_motion(
-                tip.position,
-                tip.velocity,
-                tip.acceleration,
-                model.arm.elbow,
-            )
-            .unwrap_or_default();
+        let (tip, mut joint) = plan.task.motion(&model.kinematics, model.arm.elbow, t);
         let turn = if tip.position[1] < 0.0 {
             plan.branch.above
         } else {

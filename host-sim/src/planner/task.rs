@@ -3,10 +3,10 @@
 use crate::model::arm_model::ModelError;
 use crate::model::configuration::Surface;
 use crate::planner::collocation::CollocationError;
-use crate::planner::path::LinePath;
+use crate::planner::path::{JointWay, LinePath, TipMotion};
 use crate::planner::tip_force::{FRICTION_SHARE_MAX, NormalForce, SurfaceFriction, TipForce};
 use crate::text::{Shortest, four_digits};
-use flexor::model::{ArmParameters, KinematicsError};
+use flexor::model::{ArmParameters, Elbow, JointMotion, Kinematics, KinematicsError};
 
 /// Which equations the planner uses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -32,11 +32,23 @@ pub enum Window {
     },
 }
 
+/// How the tip gets from one end of its path to the other.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Travel {
+    /// Straight, along the surface.
+    #[default]
+    Line,
+    /// Through the air, each joint straight to its end.
+    Joints(JointWay),
+}
+
 /// What the tip shall do.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Task {
-    /// The tip's path and its timing.
+    /// The tip's path and its timing; of a move through the air its ends and timing.
     pub path: LinePath,
+    /// How it is travelled.
+    pub travel: Travel,
     /// Force on the surface along its normal, N.
     pub normal_force: NormalForce,
     /// Direction that tells the path's two normals apart: the force is along the one
@@ -71,6 +83,28 @@ pub enum PlanError {
         point_m: [f64; 2],
         /// Shortest path that is accepted, m.
         least_m: f64,
+    },
+    /// A move goes nowhere.
+    #[error("move: from and to are the same angles ({}, {}) rad: a move of more than 1e-9 rad is accepted", Shortest(angle_rad[0]), Shortest(angle_rad[1]))]
+    NoMove {
+        /// The angles, rad.
+        angle_rad: [f64; 2],
+    },
+    /// The tip cannot be lifted so far by joint 2.
+    #[error("move.clearance_m = {}: joint 2 cannot lift the tip so far off the surface at point ({:.4}, {:.4}) m; a smaller one is accepted", Shortest(*clearance_m), point_m[0], point_m[1])]
+    NoClearance {
+        /// Where on the surface, m.
+        point_m: [f64; 2],
+        /// How far, m.
+        clearance_m: f64,
+    },
+    /// A move through the air meets a surface.
+    #[error("the move goes through the surface of its task: at t = {t_s:.4} s the tip is at point ({:.4}, {:.4}) m, beyond it; a move on the other side, or around its ends, is accepted", point_m[0], point_m[1])]
+    ThroughSurface {
+        /// When, s.
+        t_s: f64,
+        /// Where, m.
+        point_m: [f64; 2],
     },
     /// The force's direction does not choose between the path's normals.
     #[error("force.direction = [{}, {}] runs along the path: a direction with a component across it is accepted", Shortest(.0[0]), Shortest(.0[1]))]
@@ -246,13 +280,21 @@ impl core::fmt::Display for Remedy {
 /// nothing.
 pub const SLOPE_MAX_RAD: f64 = core::f64::consts::FRAC_PI_2;
 
-/// Unit normal of the surface along `task`'s path, into which the tip of `arm` presses.
+/// Unit normal of the surface along `task`'s path, into which the tip of `arm` presses. A move through
+/// the air has none: a level one that the arm does not reach.
 pub(super) fn surface(task: &Task, arm: &ArmParameters) -> Result<Surface, PlanError> {
     /// Shortest path, as a share of the arm's reach.
     const LEAST: f64 = 1e-6;
     let path = &task.path;
     let length = path.length();
-    let least_m = LEAST * (arm.link1_length_m + arm.link2_length_m);
+    let reach_m = arm.link1_length_m + arm.link2_length_m;
+    if let Travel::Joints(_) = task.travel {
+        return Ok(Surface {
+            normal: [0.0, 1.0],
+            offset_m: 2.0 * reach_m,
+        });
+    }
+    let least_m = LEAST * reach_m;
     if !(length > least_m) {
         return Err(PlanError::NoPath {
             point_m: path.from,
@@ -284,6 +326,51 @@ pub(super) fn surface(task: &Task, arm: &ArmParameters) -> Result<Surface, PlanE
 }
 
 impl Task {
+    /// The motion of tip and joints at time `t`, s after the path's start, of an arm with these
+    /// kinematics and elbow. The path has been checked; where rounding at its edge still refuses,
+    /// the joints rest at 0.
+    pub(super) fn motion(
+        &self,
+        kinematics: &Kinematics<f64>,
+        elbow: Elbow,
+        t: f64,
+    ) -> (TipMotion, JointMotion<f64>) {
+        let path = &self.path;
+        match &self.travel {
+            Travel::Line => {
+                let tip = path.at(t);
+                let joint =
+                    kinematics.inverse_motion(tip.position, tip.velocity, tip.acceleration, elbow);
+                (tip, joint.unwrap_or_default())
+            }
+            Travel::Joints(way) => {
+                let [s, rate, acceleration] = path.profile.at(t / path.duration);
+                let of_time = [
+                    s,
+                    rate / path.duration,
+                    acceleration / (path.duration * path.duration),
+                ];
+                let joint = way.at(of_time);
+                let [position, velocity, acceleration] = kinematics.forward_motion(&joint);
+                let tip = TipMotion {
+                    position,
+                    velocity,
+                    acceleration,
+                };
+                (tip, joint)
+            }
+        }
+    }
+
+    /// Unit vector along the surface in the direction of travel, inertial axes; `surface` is the
+    /// task's own.
+    pub fn along(&self, surface: &Surface) -> [f64; 2] {
+        match self.travel {
+            Travel::Line => self.path.direction(),
+            Travel::Joints(_) => [surface.normal[1], -surface.normal[0]],
+        }
+    }
+
     /// The tip's force at time `t`, s after the path's start.
     pub fn tip_force(&self, t: f64) -> TipForce {
         let path = &self.path;

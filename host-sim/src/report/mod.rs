@@ -120,7 +120,7 @@ pub(crate) mod testing {
     //! A short planned motion and a run of it, and the records of a made-up campaign.
     use crate::planner::path::{LinePath, Profile};
     use crate::planner::plan::{Plan, PlanOptions, plan};
-    use crate::planner::task::{Task, Window};
+    use crate::planner::task::{Task, Travel, Window};
     use crate::planner::tip_force::SurfaceFriction;
     use crate::plant::PlantParameters;
     use crate::simulation::closed_loop::{Run, RunOptions, Simulation};
@@ -186,6 +186,7 @@ pub(crate) mod testing {
                 2.0,
                 0.0,
                 0.0,
+                0.0,
             ];
             RunRecord {
                 run,
@@ -216,6 +217,7 @@ pub(crate) mod testing {
                 duration: 0.4,
                 profile: Profile::Poly11,
             },
+            travel: Travel::Line,
             normal_force: 2.0.into(),
             direction: None,
             friction: SurfaceFriction::default(),

@@ -64,6 +64,8 @@ pub enum Outcome {
     ForceOff,
     /// The table did not begin in the time that the bench allows.
     NotBegun,
+    /// The run was left, but the move that was to follow did not come to its end.
+    NotParked,
     /// The state became infinite or undefined, or the tip left the arm's reach; the
     /// run stopped there.
     Diverged,
@@ -74,12 +76,13 @@ pub enum Outcome {
 
 impl Outcome {
     /// The outcomes that are no fault.
-    const OWN: [Self; 6] = [
+    const OWN: [Self; 7] = [
         Self::Completed,
         Self::ContactLost,
         Self::TipOffPath,
         Self::ForceOff,
         Self::NotBegun,
+        Self::NotParked,
         Self::Diverged,
     ];
 
@@ -104,6 +107,7 @@ impl Outcome {
             Self::TipOffPath => "tip_off_path",
             Self::ForceOff => "force_off",
             Self::NotBegun => "not_begun",
+            Self::NotParked => "not_parked",
             Self::Diverged => "diverged",
             Self::Fault(fault) => fault.name(),
         }

@@ -337,6 +337,29 @@ impl<'a, T: TableScalar> Controller<'a, T> {
         self.saturations = SaturationCounts::default();
     }
 
+    /// Goes on where `before` holds the same arm, in [`Phase::Hold`] or [`Phase::Park`], with this
+    /// controller's table from its first tick: the first torque is the one that `before` gave last.
+    /// Returns whether it can: the arm has to stand, with no fault, and both have to be hybrid.
+    pub fn go_on_from(&mut self, before: &Controller<'_, T>) -> bool {
+        if !before.phase().stands() || before.given.fault.is_some() {
+            return false;
+        }
+        self.restart();
+        let (Feedback::Hybrid(_, state, motion), Feedback::Hybrid(_, last, _)) =
+            (&mut self.feedback, &before.feedback)
+        else {
+            return false;
+        };
+        *state = HybridState {
+            without_gauge: last.without_gauge,
+            torque_correction: last.torque_correction,
+            ..HybridState::default()
+        };
+        motion.go_on_from(before.given.torque);
+        self.given.torque = before.given.torque;
+        true
+    }
+
     /// Latches a fault that was found outside the controller, unless one is latched
     /// already: torques are zero from the next tick on.
     pub fn trip(&mut self, fault: Fault) {

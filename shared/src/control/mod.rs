@@ -8,7 +8,9 @@
 //! | `hybrid` | the hybrid law: joint 1 holds the place, joint 2 makes the force |
 //! | `hybrid_coefficients` | what its coefficients are after rounding |
 //! | `hybrid_parameters` | its gains, as a file gives them |
-//! | `motion` | its course: approach, contact, follow, lost, retract, hold |
+//! | `motion` | its course: free, approach, contact, follow, lost, retract, hold, park |
+//! | `motion_forces` | the forces by which it tells contact from none |
+//! | `handover` | from one table to the next without a step |
 //! | `motion_parameters` | its thresholds, speeds and times |
 //! | `progress` | how far the table goes on in a tick |
 //! | `slowed` | joint 1's torque where the table goes slower than planned |
@@ -19,6 +21,7 @@
 mod controller;
 mod feedback;
 mod filter;
+mod handover;
 mod hybrid;
 mod hybrid_coefficients;
 mod hybrid_parameters;
@@ -27,6 +30,7 @@ mod hybrid_tests;
 mod law;
 mod limiter;
 mod motion;
+mod motion_forces;
 mod motion_parameters;
 #[cfg(test)]
 mod motion_tests;

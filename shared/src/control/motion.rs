@@ -32,10 +32,14 @@
 //! | follow | contact | the table goes on by a tick a tick |
 //! | lost | air | stands where contact was lost, still asked to press; the table goes on if it did |
 //! | retract | air | the table comes to a stop, the force is taken away, the tip lifted off |
-//! | hold | air | stands |
+//! | hold, park | air | stands |
 //!
 //! **Tables without contact**, whose force is 0 throughout, are followed on the law of the air,
-//! in the state *free*, and held at their end.
+//! in the state *free*, and held at their end, in the state *park*.
+//!
+//! **One table after the other.** An arm that stands, in *hold* or *park*, may go over to another
+//! table ([`Motion::go_on_from`]): the first torque is the one that was given last, and what the new
+//! plan makes of it otherwise fades in with a time constant of 0.1 s.
 //!
 //! **Bumpless.** No change of state is a step in a torque: what stiffness and section give is taken
 //! over by the force integral ([`HybridLaw::change`]), joint 2's angle is counted from where it
@@ -46,7 +50,9 @@
 //! are added up as integers and the setpoint is read between ticks. A stop takes `stop_s`.
 
 use crate::control::filter::low_pass;
+use crate::control::handover::Handover;
 use crate::control::hybrid::{HybridLaw, HybridState};
+use crate::control::motion_forces::{Forces, towards};
 use crate::control::motion_parameters::{LIFT_MOST, LOSSES, PRESSING_STEPS};
 use crate::control::progress::Progress;
 use crate::fault::{Fault, Reaction};
@@ -54,18 +60,6 @@ use crate::number::{Scalar, TableScalar};
 use crate::phase::Phase;
 use crate::signals::{Measurement, PoseSetpoint, SaturationCounts};
 use crate::table::Cursor;
-
-/// Forces that the motion counts with, N.
-#[derive(Clone, Copy, Debug, Default)]
-struct Forces<T> {
-    /// Force from which on there is contact, and force below which there is none.
-    on: T,
-    off: T,
-    /// Mean force at which the bounces of a touch are over.
-    pressing: T,
-    /// What the wanted force changes in a tick.
-    step: T,
-}
 
 /// A motion's state, with what only it needs. Numbers are ticks.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -99,6 +93,7 @@ enum State<T> {
         lifted: [u32; 2],
     },
     Hold,
+    Park,
 }
 
 /// What the law reads at a tick: the setpoint, which the motion changes, and the measurement.
@@ -125,6 +120,8 @@ pub(super) struct Motion<T: Scalar> {
     forces: Forces<T>,
     /// Angle that joint 2 is to stand at beyond the planned one, rad.
     offset: T,
+    /// What the offset is still to lose, rad: less than its last digit.
+    creep: T::Sum,
     /// Force that is wanted, N.
     reference: T,
     /// Force whose share joint 1 gives, N.
@@ -134,19 +131,7 @@ pub(super) struct Motion<T: Scalar> {
     losses: u8,
     /// What the run is ended for.
     cause: Option<Fault>,
-}
-
-/// `value`, a step nearer to `target`.
-fn towards<T: Scalar>(value: T, target: T, step: T) -> T {
-    let count = &mut T::SaturationCount::default();
-    let missing = target.minus(value, count);
-    if missing.is_within(step) {
-        target
-    } else if missing > T::ZERO {
-        value.plus(step, count)
-    } else {
-        value.minus(step, count)
-    }
+    handover: Handover<T>,
 }
 
 impl<T: TableScalar> Motion<T> {
@@ -161,12 +146,20 @@ impl<T: TableScalar> Motion<T> {
             paused: false,
             forces: Forces::default(),
             offset: T::ZERO,
+            creep: T::Sum::default(),
             reference: T::ZERO,
             share: T::Sum::default(),
             judged: T::Sum::default(),
             losses: 0,
             cause: None,
+            handover: Handover::None,
         }
+    }
+
+    /// Before its first tick, on an arm that stands with these torques, N m.
+    pub(super) fn go_on_from(&mut self, torque: [T; 2]) {
+        self.restart();
+        self.handover = Handover::from(torque);
     }
 
     /// The same before its first tick.
@@ -178,6 +171,7 @@ impl<T: TableScalar> Motion<T> {
     pub(super) fn phase(&self) -> Phase {
         match self.state {
             State::Start | State::Hold => Phase::Hold,
+            State::Park => Phase::Park,
             State::Free => Phase::Free,
             State::Approach { .. } => Phase::Approach,
             State::Contact { .. } => Phase::Contact,
@@ -213,7 +207,7 @@ impl<T: TableScalar> Motion<T> {
         self.cause = self.cause.or(cause);
         match self.state {
             // Nothing is to be left.
-            State::Retract { .. } | State::Hold => {}
+            State::Retract { .. } | State::Hold | State::Park => {}
             State::Start => self.state = State::Hold,
             _ => {
                 self.state = State::Retract {
@@ -282,9 +276,10 @@ impl<T: TableScalar> Motion<T> {
         }
         match self.state {
             State::Start | State::Hold => {}
-            State::Free => {
+            State::Free | State::Park => {
+                self.creep(law, reading);
                 if reading.cursor.at_end() {
-                    self.state = State::Hold;
+                    self.state = State::Park;
                 }
             }
             State::Approach { .. } => self.approach(law, memory, reading),
@@ -295,6 +290,8 @@ impl<T: TableScalar> Motion<T> {
         }
         self.choose_gains(law, memory, reading, saturations);
         self.want(law, reading, planned, saturations);
+        let counted = (&mut *reading.setpoint, reading.measured);
+        self.handover.tick(law, memory, counted, saturations);
         let goes_on = self.go_on(law, reading);
         (setpoint, goes_on)
     }
@@ -327,7 +324,10 @@ impl<T: TableScalar> Motion<T> {
             step: planned.scaled(law.motion.force_step, count),
         };
         if !self.presses {
+            // The link hangs as it hangs: counted from where it stands.
             memory.free = true;
+            let [_, error] = HybridLaw::angle_error(reading.setpoint, reading.measured);
+            self.turn(reading, error);
             self.begun = true;
             self.progress.begin();
             self.state = State::Free;
@@ -369,6 +369,18 @@ impl<T: TableScalar> Motion<T> {
         self.offset = self.offset.angle_minus(back);
         let [_, planned] = &mut reading.setpoint.motor;
         *planned = planned.angle_minus(back);
+    }
+
+    /// Brings joint 2 to its planned angle in the air, whatever the link weighs: slowly against the
+    /// law of the air, as the angle that it is counted from.
+    fn creep(&mut self, law: &HybridLaw<T>, reading: &mut Reading<'_, '_, T>) {
+        let count = &mut T::SaturationCount::default();
+        let [_, error] = HybridLaw::angle_error(reading.setpoint, reading.measured);
+        let off = error.angle_minus(self.offset.negative());
+        self.creep = T::accumulated(self.creep, off.times_alpha(law.motion.creep), count);
+        let step = T::of_sum(self.creep).negative();
+        self.creep = T::accumulated(self.creep, step.sum(), count);
+        self.turn(reading, step);
     }
 
     fn approaching(&self, law: &HybridLaw<T>, reading: &Reading<'_, '_, T>) -> State<T> {
@@ -628,7 +640,8 @@ impl<T: TableScalar> Motion<T> {
     ) {
         self.plain = matches!(self.state, State::Follow { below: 0 })
             && self.progress.is_plain()
-            && !self.paused;
+            && !self.paused
+            && self.handover.is_over();
         if let State::Follow { .. } | State::Free = self.state {
             return;
         }
@@ -652,7 +665,10 @@ impl<T: TableScalar> Motion<T> {
     fn go_on(&mut self, law: &HybridLaw<T>, reading: &Reading<'_, '_, T>) -> bool {
         let runs = self.begun
             && !self.paused
-            && !matches!(self.state, State::Retract { .. } | State::Hold);
+            && !matches!(
+                self.state,
+                State::Retract { .. } | State::Hold | State::Park
+            );
         let Progress { part, .. } = self.progress;
         let presses = self.presses;
         let goes = self.progress.tick(runs, law.motion.stop_ticks, || {
@@ -678,17 +694,5 @@ impl<T: TableScalar> State<T> {
             settle_left: law.motion.settle_ticks,
             patience_left: law.motion.patience_ticks,
         }
-    }
-}
-
-impl<T: Scalar> Forces<T> {
-    /// Ticks in which there was contact, one after the other, with this one's force.
-    fn touched(&self, touching: u32, force: T) -> u32 {
-        if force > self.on { touching + 1 } else { 0 }
-    }
-
-    /// Ticks in which there was none.
-    fn parted(&self, below: u32, force: T) -> u32 {
-        if force > self.off { 0 } else { below + 1 }
     }
 }

@@ -198,7 +198,43 @@ fn a_table_without_force_is_followed_in_the_air() {
     let first = controller.tick(&measured([0.0; 2], 0.0, 0.3));
     assert_eq!(first.phase, Phase::Free);
     let (ticks, phase) = until_it_changes(&mut controller, 0.0);
-    assert_eq!((ticks, phase), (TICKS, Phase::Hold));
+    assert_eq!((ticks, phase), (TICKS, Phase::Park));
+}
+
+#[test]
+fn another_table_is_gone_over_to_where_the_arm_stands() {
+    let (pressing, free) = (image(2.0, 0.0), image(0.0, 0.3));
+    let mut first = controller(&pressing);
+    let mut next = controller(&free);
+    let off = measured([0.003, 0.03], 0.0, 0.27);
+    first.tick(&measured([0.003, 0.03], 2.0, 0.3));
+    assert!(!next.go_on_from(&first), "it does not stand");
+    first.retract(None);
+    while !first.phase().stands() {
+        first.tick(&off);
+    }
+    let before = first.tick(&off);
+    assert!(next.go_on_from(&first));
+    let after = next.tick(&off);
+    assert_eq!((after.phase, after.tick), (Phase::Free, 0));
+    let step = [0, 1].map(|j| after.torque[j] - before.torque[j]);
+    // To a tick of the place integral and of the torque loop; alone, the plan's torque of joint 1
+    // would be 0.3 N m and more off.
+    assert!(step[0].abs() < 0.01 && step[1].abs() < 1e-3, "{step:?}");
+    assert!((controller(&free).tick(&off).torque[0] - before.torque[0]).abs() > 0.3);
+    // What differed fades: the law's own torques are left.
+    let mut fresh = controller(&free);
+    let mut last = [0.0; 2];
+    let mut alone = [0.0; 2];
+    for _ in 0..10 * TICKS {
+        last = next.tick(&off).torque;
+        alone = fresh.tick(&off).torque;
+    }
+    assert!((last[0] - alone[0]).abs() < 1e-9 && (last[1] - alone[1]).abs() < 0.02);
+    // And back to a table that presses.
+    assert_eq!(next.phase(), Phase::Park);
+    assert!(first.go_on_from(&next));
+    assert_eq!(first.tick(&off).phase, Phase::Approach);
 }
 
 #[test]

@@ -37,6 +37,13 @@ pub enum Refusal {
         /// What is allowed, N m.
         limit_nm: [f32; 2],
     },
+    /// A motor is not where the table begins; of a law whose gauge shows no slope.
+    MotorsAwayFromStart {
+        /// Motor angles m1, m2 less the table's, rad.
+        deviation_rad: [f32; 2],
+        /// How far either may be off, rad.
+        allowed_rad: [f32; 2],
+    },
 }
 
 impl fmt::Display for Refusal {
@@ -73,8 +80,33 @@ impl fmt::Display for Refusal {
                 f,
                 "the table asks for up to {planned_nm:?} N m, the limits and the drives allow {limit_nm:?}"
             ),
+            Self::MotorsAwayFromStart {
+                deviation_rad,
+                allowed_rad,
+            } => motors_away(f, deviation_rad, allowed_rad),
         }
     }
+}
+
+/// Names each motor that is farther off than is allowed, and how far.
+fn motors_away(
+    f: &mut fmt::Formatter<'_>,
+    deviation_rad: &[f32; 2],
+    allowed_rad: &[f32; 2],
+) -> fmt::Result {
+    let mut joiner = "";
+    for ((joint, deviation), allowed) in (1..).zip(deviation_rad).zip(allowed_rad) {
+        // What is not a number is not within the limit either.
+        let within = deviation.abs() <= *allowed;
+        if !within {
+            write!(
+                f,
+                "{joiner}motor {joint} stands {deviation:.4} rad from the table's first row, {allowed:.4} are accepted"
+            )?;
+            joiner = "; ";
+        }
+    }
+    Ok(())
 }
 
 impl core::error::Error for Refusal {}

@@ -287,6 +287,24 @@ impl<T: Real> Kinematics<T> {
             acceleration,
         })
     }
+
+    /// Position, velocity and acceleration of the tip (m, m/s, m/s^2, inertial axes) with the joint
+    /// motion `joint`: eq. 12 and its two derivatives.
+    pub fn forward_motion(&self, joint: &JointMotion<T>) -> [[T; 2]; 3] {
+        let jacobian = self.jacobian(joint.angle);
+        let by = |rate: [T; 2]| jacobian.map(|row| row[0] * rate[0] + row[1] * rate[1]);
+        let [first, second] = joint.rate.map(|rate| rate * rate);
+        let (sum, [e1, e2]) = (
+            by(joint.acceleration),
+            joint.angle.map(|angle| [angle.cos(), angle.sin()]),
+        );
+        let (r1, r2) = (self.link1_length, self.link2_length);
+        [
+            self.forward(joint.angle),
+            by(joint.rate),
+            [0, 1].map(|i| sum[i] - r1 * first * e1[i] - r2 * second * e2[i]),
+        ]
+    }
 }
 
 #[cfg(test)]
@@ -352,6 +370,11 @@ mod tests {
             let j = ARM.jacobian(m.angle);
             prop_assert!((j[0][0] * m.rate[0] + j[0][1] * m.rate[1] - vx).abs() < 1e-12);
             prop_assert!((j[1][0] * m.rate[0] + j[1][1] * m.rate[1] - vy).abs() < 1e-12);
+            // And back.
+            let back = ARM.forward_motion(&m);
+            for (found, given) in back.into_iter().flatten().zip([x, y, vx, vy, ax, ay]) {
+                prop_assert!((found - given).abs() < 1e-11);
+            }
             let h = 1e-4;
             for i in 0..2 {
                 let second = (at(h)[i] - 2.0 * at(0.0)[i] + at(-h)[i]) / (h * h);

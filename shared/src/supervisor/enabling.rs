@@ -4,7 +4,7 @@
 //! every tick of an enabled arm and names the [`Fault`] that it finds; what is done about one says
 //! [`Fault::reaction`]. A fault is latched by the caller until the host acknowledges it.
 
-use crate::control::LimitParameters;
+use crate::control::{LawParameters, LimitParameters};
 use crate::fault::Fault;
 use crate::link::{Interlocks, Refusal};
 use crate::signals::{Measurement, Reference};
@@ -14,8 +14,10 @@ use crate::table::{Slot, SlotError};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SafetyLimits {
     /// Largest deviation of the arm from the table's first row when it is enabled, of
-    /// theta10, theta20 and root slope, rad.
+    /// theta10, theta20 and root slope, rad: for the paper's law ([`StartPose::Links`]).
     pub start_rad: [f32; 3],
+    /// The same of the motors' angles, rad: for the hybrid law ([`StartPose::Motors`]).
+    pub start_motor_rad: [f32; 2],
     /// Ticks without a request after which an enabled arm stops.
     pub link_timeout_ticks: u32,
 }
@@ -62,6 +64,60 @@ pub struct EnableInputs {
     pub measured: Measurement<f32>,
 }
 
+/// Where the arm is to stand when it is enabled, as far as the law's sensors tell it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum StartPose {
+    /// theta10, theta20 and root slope, rad: the paper's law has a gauge that shows the slope.
+    Links([f32; 3]),
+    /// Motor angles (m1, m2), rad. The hybrid law's gauge shows the root's moment, from which no
+    /// slope follows on an arm of another stiffness, and so no theta20: it asks the encoders alone.
+    Motors([f32; 2]),
+}
+
+impl StartPose {
+    /// Where a table with this first row begins for this law: m1 = theta10 and
+    /// m2 = theta20 - theta10 + w'(0).
+    pub fn new(law: &LawParameters, first_row: &Reference<f32>) -> Self {
+        let [angle1, angle2] = first_row.angle;
+        match law {
+            LawParameters::Paper(_) => Self::Links([angle1, angle2, first_row.root_slope]),
+            LawParameters::Hybrid(_) => {
+                Self::Motors([angle1, angle2 - angle1 + first_row.root_slope])
+            }
+        }
+    }
+
+    /// Whether the arm stands there.
+    fn check(&self, limits: &SafetyLimits, measured: &Measurement<f32>) -> Result<(), Refusal> {
+        // Not within the limit is also what is not a number.
+        let within = |(deviation, limit): (&f32, &f32)| deviation.abs() <= *limit;
+        match self {
+            Self::Links([angle1, angle2, root_slope]) => {
+                let deviation_rad = [
+                    measured.angle[0] - angle1,
+                    measured.angle[1] - angle2,
+                    measured.root_slope - root_slope,
+                ];
+                if deviation_rad.iter().zip(&limits.start_rad).all(within) {
+                    return Ok(());
+                }
+                Err(Refusal::AwayFromStart { deviation_rad })
+            }
+            Self::Motors([motor1, motor2]) => {
+                let deviation_rad = [measured.motor[0] - motor1, measured.motor[1] - motor2];
+                let allowed_rad = limits.start_motor_rad;
+                if deviation_rad.iter().zip(&allowed_rad).all(within) {
+                    return Ok(());
+                }
+                Err(Refusal::MotorsAwayFromStart {
+                    deviation_rad,
+                    allowed_rad,
+                })
+            }
+        }
+    }
+}
+
 /// The table to enable with, and its slot: the `wanted` slot's and no other, or without a wish
 /// slot A's, or slot B's where A has none that is usable. `open` opens a slot's table.
 ///
@@ -84,16 +140,15 @@ pub fn select_table<T>(
     }
 }
 
-/// Whether an arm with a usable table may be enabled.
+/// Whether an arm with a usable table, which begins at `start`, may be enabled.
 ///
 /// # Errors
 /// The first [`Refusal`] that applies.
 pub fn check_enable(
     limits: &SafetyLimits,
     inputs: &EnableInputs,
-    first_row: &Reference<f32>,
+    start: &StartPose,
 ) -> Result<(), Refusal> {
-    let measured = &inputs.measured;
     if let Some(fault) = inputs.latched {
         return Err(Refusal::Latched(fault));
     }
@@ -103,17 +158,7 @@ pub fn check_enable(
     if !inputs.homed {
         return Err(Refusal::NotHomed);
     }
-    let deviation_rad = [
-        measured.angle[0] - first_row.angle[0],
-        measured.angle[1] - first_row.angle[1],
-        measured.root_slope - first_row.root_slope,
-    ];
-    let within = |(deviation, limit): (&f32, &f32)| deviation.abs() <= *limit;
-    if deviation_rad.iter().zip(&limits.start_rad).all(within) {
-        Ok(())
-    } else {
-        Err(Refusal::AwayFromStart { deviation_rad })
-    }
+    start.check(limits, &inputs.measured)
 }
 
 /// Whether a table whose torques are bounded by `planned_nm` keeps within the limits: the law
@@ -194,9 +239,11 @@ impl FaultMonitor {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::control::HybridParameters;
 
     const LIMITS: SafetyLimits = SafetyLimits {
         start_rad: [0.01, 0.01, 0.02],
+        start_motor_rad: [0.01, 0.05],
         link_timeout_ticks: 3,
     };
     const GOOD: InputHealth = InputHealth {
@@ -224,12 +271,21 @@ mod tests {
         bad
     }
 
-    fn row() -> Reference<f32> {
-        Reference {
-            angle: [0.9, -0.7],
-            root_slope: 0.17,
-            ..Reference::default()
-        }
+    const ROW: Reference<f32> = Reference {
+        angle: [0.9, -0.7],
+        root_slope: 0.17,
+        torque: [0.0; 2],
+        force: 0.0,
+        root_slope_rate: 0.0,
+        normal_angle: 0.0,
+    };
+
+    fn links() -> StartPose {
+        StartPose::new(&LawParameters::FEEDFORWARD, &ROW)
+    }
+
+    fn motors() -> StartPose {
+        StartPose::new(&HybridParameters::PAPER_ARM_HUB.into(), &ROW)
     }
 
     fn at_start() -> EnableInputs {
@@ -240,6 +296,8 @@ mod tests {
             measured: Measurement {
                 angle: [0.905, -0.705],
                 root_slope: 0.18,
+                // theta20 - theta10 + w'(0), on a link that hangs otherwise than planned.
+                motor: [0.905, -0.705 - 0.905 + 0.18 + 0.03],
                 ..Measurement::default()
             },
         }
@@ -272,7 +330,9 @@ mod tests {
 
     #[test]
     fn an_arm_at_the_start_with_good_inputs_may_be_enabled() {
-        assert_eq!(check_enable(&LIMITS, &at_start(), &row()), Ok(()));
+        for start in [links(), motors()] {
+            assert_eq!(check_enable(&LIMITS, &at_start(), &start), Ok(()));
+        }
     }
 
     #[test]
@@ -280,7 +340,12 @@ mod tests {
         let refusal = |change: &dyn Fn(&mut EnableInputs)| {
             let mut inputs = at_start();
             change(&mut inputs);
-            check_enable(&LIMITS, &inputs, &row()).unwrap_err()
+            let refusals = [links(), motors()].map(|start| {
+                let checked = check_enable(&LIMITS, &inputs, &start);
+                checked.unwrap_err()
+            });
+            assert_eq!(refusals[0], refusals[1]);
+            refusals[0]
         };
         assert_eq!(
             refusal(&|s| s.latched = Some(Fault::Drive)),
@@ -290,16 +355,54 @@ mod tests {
             assert_eq!(refusal(&|s| s.health = health), Refusal::Cause(fault));
         }
         assert_eq!(refusal(&|s| s.homed = false), Refusal::NotHomed);
-        let away: [fn(&mut Measurement<f32>); 4] = [
+    }
+
+    #[test]
+    fn each_law_asks_what_its_sensors_tell() {
+        let check = |start: &StartPose, change: &dyn Fn(&mut Measurement<f32>)| {
+            let mut inputs = at_start();
+            change(&mut inputs.measured);
+            check_enable(&LIMITS, &inputs, start)
+        };
+        let of_links: [fn(&mut Measurement<f32>); 4] = [
             |m| m.angle[0] += 0.01,
             |m| m.angle[1] -= 0.01,
             |m| m.root_slope += 0.02,
             |m| m.root_slope = f32::NAN,
         ];
-        for change in away {
-            let refusal = refusal(&|s| change(&mut s.measured));
+        for change in of_links {
+            let refusal = check(&links(), &change).unwrap_err();
             assert!(matches!(refusal, Refusal::AwayFromStart { .. }));
+            assert_eq!(check(&motors(), &change), Ok(()), "no encoder shows it");
         }
+        let of_motors: [fn(&mut Measurement<f32>); 3] = [
+            |m| m.motor[0] += 0.01,
+            |m| m.motor[1] += 0.05,
+            |m| m.motor[1] = f32::NAN,
+        ];
+        for change in of_motors {
+            let refusal = check(&motors(), &change).unwrap_err();
+            assert!(matches!(refusal, Refusal::MotorsAwayFromStart { .. }));
+            assert_eq!(check(&links(), &change), Ok(()));
+        }
+    }
+
+    #[test]
+    fn a_motor_that_is_away_is_named_with_how_much() {
+        extern crate std;
+        use std::string::ToString;
+        let words = |deviation_rad| {
+            let refusal = Refusal::MotorsAwayFromStart {
+                deviation_rad,
+                allowed_rad: LIMITS.start_motor_rad,
+            };
+            refusal.to_string()
+        };
+        let second = words([0.002, -0.3]);
+        assert!(second.contains("motor 2 stands -0.3000 rad"), "{second}");
+        assert!(second.contains("0.0500") && !second.contains("motor 1"));
+        let both = words([f32::NAN, 0.06]);
+        assert!(both.contains("motor 1 stands NaN rad") && both.contains("motor 2"));
     }
 
     #[test]

@@ -29,8 +29,8 @@ pub use board::{Board, DriveScale};
 pub use board_parameters::{BoardParameters, ConverterScale};
 pub use controller_slot::{ControllerSlot, MonitoredController};
 pub use enabling::{
-    EnableInputs, FaultMonitor, InputHealth, SafetyLimits, check_enable, check_torque_bound,
-    select_table,
+    EnableInputs, FaultMonitor, InputHealth, SafetyLimits, StartPose, check_enable,
+    check_torque_bound, select_table,
 };
 pub use memory_board::MemoryBoard;
 pub use monitors::{MonitorParameters, Monitors};

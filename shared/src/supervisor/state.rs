@@ -120,6 +120,7 @@ mod tests {
 
     const LIMITS: SafetyLimits = SafetyLimits {
         start_rad: [0.01; 3],
+        start_motor_rad: [0.01; 2],
         link_timeout_ticks: 20,
     };
 

@@ -98,7 +98,11 @@ pub struct SupervisorStatus {
 ///     moment_nm_rad: 2.6,
 ///     range: (16, 4079),
 /// };
-/// let limits = SafetyLimits { start_rad: [0.01; 3], link_timeout_ticks: 100 };
+/// let limits = SafetyLimits {
+///     start_rad: [0.01; 3],
+///     start_motor_rad: [0.01; 2],
+///     link_timeout_ticks: 100,
+/// };
 /// let sample = RawSample { force: 2048, strain: 2048, fresh: true, ..RawSample::default() };
 /// let mut board = MemoryBoard::new(sample);
 /// let (mut running, mut next) = (None, None);
@@ -261,6 +265,28 @@ impl<'a> Supervisor<'a> {
         self.state.enable(&self.limits, self.period_ticks_hw)?;
         self.slot.exchange(prepared);
         // Until the first tick the status must not show where the run before ended.
+        self.outbox.tick = 0;
+        Ok(())
+    }
+
+    /// Goes over to the `prepared` controller's table on an enabled arm that stands, from the next
+    /// tick on, without a step in the torques: see [`Controller::go_on_from`]. The controller before
+    /// is given in exchange. The caller has looked whether the arm stands where the table begins.
+    ///
+    /// # Errors
+    /// [`Refusal::Busy`] unless an enabled arm stands; nothing is exchanged then.
+    pub fn go_on(&mut self, prepared: &mut ControllerSlot<'a>) -> Result<(), Refusal> {
+        let State::Enabled { .. } = self.state else {
+            return Err(Refusal::Busy);
+        };
+        let goes = match (self.slot.look(), prepared.controller()) {
+            (Some(before), Some(next)) => next.controller.go_on_from(before),
+            _ => false,
+        };
+        if !goes {
+            return Err(Refusal::Busy);
+        }
+        self.slot.exchange(prepared);
         self.outbox.tick = 0;
         Ok(())
     }

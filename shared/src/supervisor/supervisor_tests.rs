@@ -16,6 +16,7 @@ const TORQUE: [f64; 2] = [5.0, -0.5];
 const PERIOD_TICKS_HW: u32 = 1000;
 const LIMITS: SafetyLimits = SafetyLimits {
     start_rad: [0.01; 3],
+    start_motor_rad: [0.01; 2],
     link_timeout_ticks: 20,
 };
 const CALIBRATION: Calibration = Calibration {

@@ -65,12 +65,15 @@ pub struct Design {
 ///
 /// # Errors
 /// [`HybridError::NotDesigned`] where none hold the spread, [`HybridError::Friction`] where its
-/// friction is too much for the path, and others.
+/// friction is too much for the path, [`HybridError::NoContact`] where there is none, and others.
 pub fn design(problem: &Problem<'_>, effort: Effort) -> Result<Design, HybridError> {
     let efforts: &[Extent] = match effort {
         Effort::Design => &[Extent::SHORT, Extent::WIDE],
         Effort::Tune => &[Extent::LONG, Extent::WIDE],
     };
+    if !problem.poses.iter().any(|pose| pose.force_n > 0.0) {
+        return Err(HybridError::NoContact);
+    }
     let search = Search::new(problem, None)?;
     let mut all = 0;
     let mut refusal = HybridError::NotFinite { t_s: 0.0 };

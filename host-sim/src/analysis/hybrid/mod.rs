@@ -73,6 +73,11 @@ pub enum HybridError {
         /// What would do.
         accepted: f64,
     },
+    /// A plan that presses nowhere, as a move through the air does.
+    #[error(
+        "gains are found along a surface, and this plan presses nowhere: a controller file (--controller) with those that `flexor gains design` finds for the arm's task is accepted"
+    )]
+    NoContact,
     /// No gains hold the spread.
     #[error("no gains were found that hold every arm of the spread: {worst}; {remedy}")]
     NotDesigned {

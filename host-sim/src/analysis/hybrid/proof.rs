@@ -55,7 +55,7 @@ impl PlantProof {
 /// Proof for a spread.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Proof {
-    /// Every arm in contact, with the law of contact.
+    /// Every arm in contact, with the law of contact; none where the tip presses nowhere.
     pub contact: Vec<PlantProof>,
     /// Every arm in the air, with the law of the air.
     pub air: Vec<PlantProof>,
@@ -77,7 +77,7 @@ impl Proof {
     ) -> Result<Self, HybridError> {
         let leverage = friction_leverage(subject.poses);
         let product = spread.friction * leverage;
-        if !(product <= FRICTION_LEVERAGE_MAX) {
+        if subject.presses() && !(product <= FRICTION_LEVERAGE_MAX) {
             return Err(HybridError::Friction {
                 friction: spread.friction,
                 product,
@@ -90,7 +90,7 @@ impl Proof {
                 .map(|named| subject.examine(named, margins));
             proofs.collect()
         };
-        let contact = all(spread.in_contact(subject.arm))?;
+        let contact = all(subject.in_contact(spread))?;
         let air = all(spread.in_the_air(subject.arm))?;
         let stable = contact.iter().chain(&air).all(PlantProof::is_stable);
         let root_inertia_kgm2 = if stable {
@@ -124,9 +124,13 @@ impl Proof {
         self.all().all(PlantProof::is_stable)
     }
 
-    /// Least margins of all arms in contact: factor up, factor down, ticks.
+    /// Least margins of all arms in contact, or of a move through the air in the air: factor up,
+    /// factor down, ticks.
     pub fn margins(&self) -> (f64, f64, usize) {
-        let all = || self.contact.iter();
+        let all = || match self.contact.is_empty() {
+            false => self.contact.iter(),
+            true => self.air.iter(),
+        };
         (
             all().map(|p| p.gain_up).fold(f64::INFINITY, f64::min),
             all().map(|p| p.gain_down).fold(0.0, f64::max),
@@ -136,6 +140,20 @@ impl Proof {
 }
 
 impl Subject<'_> {
+    /// Whether the tip presses at any of the poses.
+    fn presses(&self) -> bool {
+        self.poses.iter().any(|pose| pose.force_n > 0.0)
+    }
+
+    /// The arms of `spread` that are in contact on the way: none of a move through the air.
+    fn in_contact(&self, spread: &LoopSpread) -> Vec<NamedPlant> {
+        if self.presses() {
+            spread.in_contact(self.arm)
+        } else {
+            vec![]
+        }
+    }
+
     /// The law at a pose, for a plant in contact or in the air.
     fn law(&self, pose: &LoopPose, plant: &LoopPlant) -> LinearHybrid {
         let free = plant.contact_stiffness_n_m.is_none();
@@ -227,7 +245,7 @@ impl Subject<'_> {
                 root_inertia_kgm2: [root; 2],
                 ..*spread
             };
-            let all = one.in_contact(self.arm).into_iter();
+            let all = self.in_contact(&one).into_iter();
             for named in all.chain(one.in_the_air(self.arm)) {
                 if !(self.slowest(&named.plant)?.0.re < 0.0) {
                     return Ok(false);

@@ -69,9 +69,7 @@ impl OperatingPoint {
         let point = sampler.at(t);
         let (sine, cosine) = libm::sincos(variant.contact_angle_rad);
         let turn = |v: [f64; 2]| [cosine * v[0] - sine * v[1], sine * v[0] + cosine * v[1]];
-        let path = &plan.task.path;
-        let length = path.length();
-        let along = turn([0, 1].map(|i| (path.to[i] - path.from[i]) / length));
+        let along = turn(plan.task.along(&plan.surface));
         let normal = turn(plan.surface.normal);
         let tip = point.tip.position;
         let surface = Surface {

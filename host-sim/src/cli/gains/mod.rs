@@ -132,7 +132,7 @@ impl PlantArgs {
                 beside: "with the paper's law, whose plants --plant and --spread tell",
             });
         }
-        let (arm, task) = self.common.load()?;
+        let (arm, task) = self.common.load_on_surface("`flexor gains`")?;
         let law = paper_law("gains", self.controller.as_deref())?;
         let plant = match &self.plant {
             Some(file) => config::load(Some(file), "", config::parse_plant)?.0,

@@ -82,6 +82,8 @@ struct EnablingFile {
     #[serde(deserialize_with = "pair")]
     angle_rad: [f64; 2],
     slope_rad: f64,
+    #[serde(deserialize_with = "pair")]
+    motor_rad: [f64; 2],
 }
 
 #[derive(Deserialize)]
@@ -125,6 +127,7 @@ pub fn parse_board(file: &str, text: &str) -> Result<BoardConfig, ConfigError> {
         drive_usable_share: check.value("drives.usable_share", drives.usable_share)?,
         start_angle_rad: check.pair("enabling.angle_rad", read.enabling.angle_rad)?,
         start_slope_rad: check.value("enabling.slope_rad", read.enabling.slope_rad)?,
+        start_motor_rad: check.pair("enabling.motor_rad", read.enabling.motor_rad)?,
         link_timeout_s: check.value("link.timeout_s", read.link.timeout_s)?,
     };
     check_rails(file, &parameters)?;

@@ -96,6 +96,16 @@ pub(super) const RANGES: &[Range] = &[
     from("actuation_tolerance", 1e-15, 0.5, "a ratio"),
     from("path.from_m", -200.0, 200.0, "two coordinates in m"),
     from("path.to_m", -200.0, 200.0, "two coordinates in m"),
+    from("move.from_rad", -20.0, 20.0, "two joint angles in rad"),
+    from("move.to_rad", -20.0, 20.0, "two joint angles in rad"),
+    from(
+        "move.from_motor_rad",
+        -20.0,
+        20.0,
+        "two motor angles in rad",
+    ),
+    from("move.to_motor_rad", -20.0, 20.0, "two motor angles in rad"),
+    from("move.clearance_m", 0.0, 100.0, "a length in m"),
     from("force.normal_N", 0.0, 1e6, "a force in N"),
     from(
         "force.direction",
@@ -150,8 +160,8 @@ pub(super) const RANGES: &[Range] = &[
     from("free.section_damping", 0.0, 1.0, "a damping ratio"),
     from(
         "free.section_angle_Nm_rad",
-        -1e6,
-        1e6,
+        -1e9,
+        1e9,
         "two gains in N m/rad",
     ),
     from("motion.settle_s", 0.0, 60.0, "a time in s"),
@@ -231,6 +241,7 @@ pub(super) const RANGES: &[Range] = &[
     from("drives.usable_share", 0.01, 1.0, "a share"),
     from("enabling.angle_rad", 0.0, 3.2, "two angles in rad"),
     from("enabling.slope_rad", 0.0, 3.2, "a slope in rad"),
+    from("enabling.motor_rad", 0.0, 3.2, "two angles in rad"),
     from("link.timeout_s", 0.01, 10.0, "a time in s"),
 ];
 

@@ -5,7 +5,7 @@ use super::{
     read_text,
 };
 use crate::planner::path::{LinePath, Profile};
-use crate::planner::task::{Task, Window};
+use crate::planner::task::{Task, Travel, Window};
 use crate::planner::tip_force::{ForceProfile, NormalForce, SurfaceFriction};
 use crate::text::one_line;
 use serde::de::{self, Visitor};
@@ -28,7 +28,7 @@ struct TaskFile {
 
 /// Ratio to which "auto" lets the link's motion decay: the paper's fast task then starts
 /// with a slope rate of 1e-6 rad/s instead of 1.3.
-fn default_actuation_tolerance() -> f64 {
+pub(super) fn default_actuation_tolerance() -> f64 {
     1e-6
 }
 
@@ -42,10 +42,19 @@ struct PathFile {
     profile: ProfileFile,
 }
 
-#[derive(Deserialize)]
+#[derive(Clone, Copy, Default, Deserialize)]
 #[serde(rename_all = "lowercase")]
-enum ProfileFile {
+pub(super) enum ProfileFile {
+    #[default]
     Poly11,
+}
+
+impl From<ProfileFile> for Profile {
+    fn from(read: ProfileFile) -> Self {
+        match read {
+            ProfileFile::Poly11 => Self::Poly11,
+        }
+    }
 }
 
 #[derive(Deserialize)]
@@ -73,7 +82,7 @@ struct SurfaceFile {
 }
 
 /// Seconds, or "auto".
-enum WindowFile {
+pub(super) enum WindowFile {
     Seconds(f64),
     Auto,
 }
@@ -101,6 +110,19 @@ impl<'de> Deserialize<'de> for WindowFile {
             }
         }
         deserializer.deserialize_any(Words)
+    }
+}
+
+/// The window that `field` gives, with the tolerance of an "auto".
+pub(super) fn window(
+    check: &Check<'_>,
+    field: &str,
+    read: &WindowFile,
+    tolerance: f64,
+) -> Result<Window, ConfigError> {
+    match read {
+        WindowFile::Seconds(seconds) => check.value(field, *seconds).map(Window::Fixed),
+        WindowFile::Auto => Ok(Window::Auto { tolerance }),
     }
 }
 
@@ -181,10 +203,6 @@ pub fn parse_task(file: &str, text: &str) -> Result<Task, ConfigError> {
     let read: TaskFile = parse(file, text)?;
     let check = Check { file };
     let tolerance = check.value("actuation_tolerance", read.actuation_tolerance)?;
-    let window = |field: &str, window: &WindowFile| match window {
-        WindowFile::Seconds(seconds) => check.value(field, *seconds).map(Window::Fixed),
-        WindowFile::Auto => Ok(Window::Auto { tolerance }),
-    };
     if let Some(direction) = read.force.direction {
         check.pair("force.direction", direction)?;
         if direction == [0.0; 2] {
@@ -206,16 +224,20 @@ pub fn parse_task(file: &str, text: &str) -> Result<Task, ConfigError> {
         from: check.pair("path.from_m", read.path.from_m)?,
         to: check.pair("path.to_m", read.path.to_m)?,
         duration: check.value("duration_s", read.duration_s)?,
-        profile: match read.path.profile {
-            ProfileFile::Poly11 => Profile::Poly11,
-        },
+        profile: read.path.profile.into(),
     };
     Ok(Task {
+        travel: Travel::Line,
         normal_force: normal_force(&check, &read.force, &path)?,
         path,
         direction: read.force.direction,
         friction,
-        pre_actuation: window("pre_actuation_s", &read.pre_actuation_s)?,
-        post_actuation: window("post_actuation_s", &read.post_actuation_s)?,
+        pre_actuation: window(&check, "pre_actuation_s", &read.pre_actuation_s, tolerance)?,
+        post_actuation: window(
+            &check,
+            "post_actuation_s",
+            &read.post_actuation_s,
+            tolerance,
+        )?,
     })
 }

@@ -555,4 +555,17 @@ impl CompliantParameters {
     ) -> Result<RestState, CompliantError> {
         rest::above(self, model, near, gap_m)
     }
+
+    /// The state in which the arm rests in the air, its links at `angle` (rad), whatever surface
+    /// there is.
+    ///
+    /// # Errors
+    /// [`CompliantError`].
+    pub fn rest_free(
+        &self,
+        model: &ArmModel,
+        angle: [f64; 2],
+    ) -> Result<RestState, CompliantError> {
+        rest::free(self, model, angle)
+    }
 }

@@ -53,6 +53,15 @@ pub(super) fn above(
     Err(CompliantError::NoSurface { along_m })
 }
 
+/// See [`CompliantParameters::rest_free`].
+pub(super) fn free(
+    parameters: &CompliantParameters,
+    model: &ArmModel,
+    angle: [f64; 2],
+) -> Result<RestState, CompliantError> {
+    at(parameters, model, angle, [0.0; 2])
+}
+
 /// At rest at these link angles (rad), the tip pressing with a force (N).
 fn at(
     parameters: &CompliantParameters,

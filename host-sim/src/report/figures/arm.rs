@@ -7,6 +7,7 @@ use super::plot::{
 };
 use crate::model::arm_model::deflection_matrix;
 use crate::planner::plan::PlanPoint;
+use crate::planner::task::Travel;
 use crate::report::{Case, ReportError};
 use nalgebra::{DMatrix, DVector};
 use plotters::prelude::*;
@@ -44,18 +45,24 @@ fn planned_outline(case: &Case, shape: &DMatrix<f64>, tick: usize) -> Vec<Point>
         .collect()
 }
 
-/// Planned configurations at equal distances of the tip along the path of a case.
+/// Planned configurations at equal distances of the tip along the path of a case, or of the joints
+/// along their ways.
 fn configurations(case: &Case) -> Vec<Vec<Point>> {
     let plan = case.plan;
     let path = &plan.task.path;
     let along = along(case);
-    let travelled = |tip: [f64; 2]| {
-        ((tip[0] - path.from[0]) * along[0] + (tip[1] - path.from[1]) * along[1]) / path.length()
+    let travelled = |point: &PlanPoint| match plan.task.travel {
+        Travel::Line => {
+            let tip = point.tip.position;
+            ((tip[0] - path.from[0]) * along[0] + (tip[1] - path.from[1]) * along[1])
+                / path.length()
+        }
+        Travel::Joints(_) => path.profile.at(point.t / path.duration)[0],
     };
     let ticks = (0..POSTURES).filter_map(|k| {
         let progress = k as f64 / (POSTURES - 1) as f64 - 1e-9;
         let from = (plan.pre_ticks as usize).min(plan.points.len());
-        let reached = |p: &PlanPoint| travelled(p.tip.position) >= progress;
+        let reached = |p: &PlanPoint| travelled(p) >= progress;
         plan.points[from..]
             .iter()
             .position(reached)
@@ -208,12 +215,16 @@ pub(super) fn stick_figure(case: &Case) -> Result<Figure, ReportError> {
     let name = "stick_figure";
     let joint1 = (0.0, 0.0);
     let configurations = configurations(case);
-    let surface = surface(case);
+    // A move through the air has none.
+    let surface = match case.plan.task.travel {
+        Travel::Line => Some(surface(case)),
+        Travel::Joints(_) => None,
+    };
     let labels = labels(case, &configurations);
     let everything = configurations
         .iter()
         .flatten()
-        .chain(&surface)
+        .chain(surface.iter().flatten())
         .chain(labels.iter().map(|label| &label.end))
         .chain([&joint1]);
     let ([across, down], scale, height) = axes(everything, reach(case));
@@ -226,9 +237,11 @@ pub(super) fn stick_figure(case: &Case) -> Result<Figure, ReportError> {
             true,
             ["along a1 (m)", "along a2, downwards (m)"],
         )?;
-        let hatching = hatching(case, &surface, scale);
-        chart.draw_series(hatching.map(|points| PathElement::new(points, line(SOFT, 0.8))))?;
-        chart.draw_series([PathElement::new(surface.to_vec(), line(INK, 2.0))])?;
+        if let Some(surface) = &surface {
+            let hatching = hatching(case, surface, scale);
+            chart.draw_series(hatching.map(|points| PathElement::new(points, line(SOFT, 0.8))))?;
+            chart.draw_series([PathElement::new(surface.to_vec(), line(INK, 2.0))])?;
+        }
         for (index, points) in configurations.iter().enumerate() {
             let end = index == 0 || index + 1 == configurations.len();
             let px = if end { 3.0 } else { 1.2 };

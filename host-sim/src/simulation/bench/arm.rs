@@ -3,6 +3,7 @@
 use crate::model::arm_model::{ArmModel, ModelError};
 use crate::model::geometric_stiffness::GeometricStiffness;
 use crate::planner::plan::Plan;
+use crate::planner::task::Travel;
 use crate::plant::PlantError;
 use crate::plant::bench::{
     Channels, CompliantArm, CompliantError, CompliantParameters, RestState, SensorParameters,
@@ -112,9 +113,12 @@ impl BenchArm {
         let model = parameters.model(arm, elements)?;
         let first = &plan.points[0];
         let along_m = parameters.surface.along(first.tip.position);
-        let start = match course.gap_m {
-            None => parameters.rest(&model, along_m, first.force.normal)?,
-            Some(gap_m) => parameters.rest_above(&model, first.joint.angle, gap_m)?,
+        let start = match (plan.task.travel, course.gap_m) {
+            (Travel::Joints(_), _) => parameters.rest_free(&model, first.joint.angle)?,
+            (Travel::Line, None) => parameters.rest(&model, along_m, first.force.normal)?,
+            (Travel::Line, Some(gap_m)) => {
+                parameters.rest_above(&model, first.joint.angle, gap_m)?
+            }
         };
         if parameters.substeps.is_none() {
             let needed = CompliantArm {
@@ -151,9 +155,9 @@ impl BenchArm {
     /// Torques that its drives are given before it is enabled, N m: pressing, the plan's first ones,
     /// and in the air those that hold it.
     pub(super) fn held(&self, plan: &Plan) -> [f64; 2] {
-        match self.course.gap_m {
-            None => plan.points[0].torque,
-            Some(_) => self.start.torque,
+        match (plan.task.travel, self.course.gap_m) {
+            (Travel::Line, None) => plan.points[0].torque,
+            _ => self.start.torque,
         }
     }
 

@@ -11,7 +11,9 @@ use flexor::fault::Fault;
 use flexor::link::{RawSample, Refusal};
 use flexor::phase::Phase;
 use flexor::signals::Saturation;
-use flexor::supervisor::{ControllerParameters, MonitorParameters, MonitoredController, Monitors};
+use flexor::supervisor::{
+    ControllerParameters, MonitorParameters, MonitoredController, Monitors, StartPose,
+};
 use flexor::table::Table;
 
 /// What all arms of a bench are to do, and with which board.
@@ -31,6 +33,37 @@ pub struct BenchTask<'a> {
     pub board: &'a BenchBoard,
     /// From which error on a run counts as failed.
     pub failure: &'a FailureLimits,
+    /// What the arm goes over to once it stands after that, if anything.
+    pub then: Option<Then<'a>>,
+}
+
+/// A move that follows a run, begun where the arm stands with its drives on.
+#[derive(Clone, Copy, Debug)]
+pub struct Then<'a> {
+    /// Its plan, of the same arm and tick rate.
+    pub plan: &'a Plan,
+    /// Its table.
+    pub image: &'a [u8],
+    /// Torque limits meanwhile; the board's are kept besides.
+    pub limits: &'a LimitParameters,
+    /// Thresholds of the board's monitors meanwhile.
+    pub monitors: &'a MonitorParameters,
+}
+
+impl BenchTask<'_> {
+    /// What a controller is made from that keeps within these limits and thresholds.
+    fn controller(
+        &self,
+        limits: &LimitParameters,
+        monitors: &MonitorParameters,
+    ) -> ControllerParameters {
+        ControllerParameters {
+            arm: self.plan.model.arm,
+            law: *self.law,
+            limits: limits.at_most(self.board.drive_limit_nm),
+            monitors: *monitors,
+        }
+    }
 }
 
 /// An arm and its board at one tick, before the tick's command acts.
@@ -83,6 +116,9 @@ fn diverged(reading: &CompliantReading) -> bool {
 
 /// Longest time from enabling until the table begins, s; a run that takes longer is given up.
 const BEFORE_MAX_S: f64 = 20.0;
+
+/// Longest time from leaving the table until the arm stands, s, where something is to follow.
+const AFTER_MAX_S: f64 = 20.0;
 
 /// Runs the `arms` along the task's plan, side by side, each from its start: pressing where the
 /// plan begins, or above it. Figures and rows of a run that starts pressing begin with the table, as
@@ -147,9 +183,10 @@ struct Run<'a> {
     arm: &'a BenchArm,
     board: Lane<'a>,
     tally: Tally,
-    /// When the table began, and when it was left.
+    /// When the table began, when it was left, and when the one after it began.
     begun: Option<usize>,
     left: Option<usize>,
+    then: Option<usize>,
     over: bool,
 }
 
@@ -159,9 +196,10 @@ impl<'a> Run<'a> {
             task,
             arm,
             board,
-            tally: Tally::new(task.failure, task.plan),
+            tally: Tally::new(task.failure, task.plan, task.then.is_some()),
             begun: None,
             left: None,
+            then: None,
             over: false,
         }
     }
@@ -188,12 +226,19 @@ impl<'a> Run<'a> {
                 (first_s - settling * period_s + since_s).min(first_s - period_s)
             }
         };
+        self.go_on(tick);
         // The tick with which the table begins is on it.
         let given = self.board.tick(plan_s(self.begun), reading);
         if given.begun && self.begun.is_none() {
             self.begun = Some(tick);
         }
-        let point = &plan.points[self.begun.map_or(0, |begun| (tick - begun).min(last))];
+        let point = match (self.task.then, self.then) {
+            (Some(then), Some(from)) => then.plan.points.get(tick - from),
+            _ => plan.points.get(self.begun.map_or(0, |begun| tick - begun)),
+        };
+        let end = self.task.then.filter(|_| self.then.is_some());
+        let end = end.map_or(plan, |then| then.plan).points.last();
+        let point = point.or(end).unwrap_or(&plan.points[last]);
         let surface = &self.arm.parameters.surface;
         let above = self.arm.course.gap_m.is_some();
         let row = BenchRow {
@@ -219,7 +264,7 @@ impl<'a> Run<'a> {
     fn count(&mut self, tick: usize, row: &BenchRow, last: usize) {
         let period_s = period_s(self.task.plan);
         let since_s = tick as f64 * period_s;
-        let leaves = matches!(row.phase, Phase::Retract | Phase::Hold);
+        let leaves = row.phase == Phase::Retract || row.phase.stands();
         let Some(begun) = self.begun else {
             self.tally.before(row, since_s);
             if since_s >= BEFORE_MAX_S {
@@ -244,7 +289,43 @@ impl<'a> Run<'a> {
             let after_s = (tick - left) as f64 * period_s;
             let along_m = self.arm.parameters.surface.along(row.reading.tip);
             self.tally.after(row, along_m, after_s);
-            self.over = after_s >= self.arm.course.after_s;
+            self.over = match (self.task.then, self.then) {
+                (None, _) => after_s >= self.arm.course.after_s,
+                (Some(_), None) => row.fault.is_some() || after_s >= AFTER_MAX_S,
+                (Some(then), Some(from)) => self.then_over(tick - from, &then, row),
+            };
+        }
+    }
+
+    /// Whether the move after the run is over, so many ticks after its begin; notes how far off its end
+    /// the tip stands then.
+    fn then_over(&mut self, ticks: usize, then: &Then<'_>, row: &BenchRow) -> bool {
+        let rest = (self.arm.course.after_s / period_s(self.task.plan)) as usize;
+        let over = ticks >= then.plan.points.len() - 1 + rest;
+        if over && row.phase == Phase::Park {
+            self.tally.park(row);
+        }
+        over || row.fault.is_some()
+    }
+
+    /// Goes over to what follows the run, once the arm stands.
+    fn go_on(&mut self, tick: usize) {
+        let (Some(then), Some(_), None) = (self.task.then, self.left, self.then) else {
+            return;
+        };
+        if !self.board.stands() {
+            return;
+        }
+        let parameters = self.task.controller(then.limits, then.monitors);
+        let prepared = Table::open(then.image)
+            .ok()
+            .and_then(|table| parameters.controller(&table).ok());
+        if let Some(controller) = prepared
+            && self
+                .board
+                .go_on(controller, then.monitors, self.task.plan.tick_rate_hz)
+        {
+            self.then = Some(tick);
         }
     }
 }
@@ -258,14 +339,13 @@ fn boards<'a, T: Lanes>(
     places: &'a mut [[Option<MonitoredController<'a>>; 2]],
 ) -> Result<Vec<Lane<'a>>, BenchError> {
     let plan = task.plan;
-    let parameters = ControllerParameters {
-        arm: plan.model.arm,
-        law: *task.law,
-        limits: task.limits.at_most(task.board.drive_limit_nm),
-        monitors: *task.monitors,
-    };
+    let parameters = task.controller(task.limits, task.monitors);
     let table = Table::open(task.image)?;
-    let first_row = table.cursor::<f32>().row();
+    // What follows is for the same arm, or there is no run at all.
+    if let Some(then) = task.then {
+        parameters.controller(&Table::open(then.image)?)?;
+    }
+    let start = StartPose::new(&parameters.law, &table.cursor().row());
 
     let mut boards = Vec::with_capacity(arms.len());
     for ((i, arm), places) in arms.iter().enumerate().zip(places) {
@@ -281,7 +361,7 @@ fn boards<'a, T: Lanes>(
         };
         let inside = (placed, places);
         // Brakes hold the arm until it is enabled, and its drives have what holds it.
-        let held = (arm.held(plan), &first_row);
+        let held = (arm.held(plan), &start);
         boards.push(Lane::new(arm, &board, inside, &first, held, rate));
     }
     Ok(boards)

@@ -76,10 +76,12 @@ pub struct RunFigures {
     pub after_way_m: f64,
     /// Speed of the tip 1 s after it, m/s.
     pub after_speed_m_s: f64,
+    /// Distance of the tip from where a move after the run was to end, m.
+    pub parked_off_m: f64,
 }
 
 /// How many figures of a run are real numbers.
-pub const FIGURES: usize = 17;
+pub const FIGURES: usize = 18;
 
 /// A figure of every run that has a unit: its name in files, and where it is in
 /// [`RunFigures`].
@@ -105,6 +107,7 @@ impl RunFigures {
         ("after_force_max_N", |f| f.after_force_max_n),
         ("after_way_m", |f| f.after_way_m),
         ("after_speed_m_s", |f| f.after_speed_m_s),
+        ("parked_off_m", |f| f.parked_off_m),
     ];
 
     /// The figures of these values in the order of [`COLUMNS`](Self::COLUMNS).
@@ -127,6 +130,7 @@ impl RunFigures {
             after_force_max_n,
             after_way_m,
             after_speed_m_s,
+            parked_off_m,
         ] = values;
         Self {
             outcome,
@@ -147,6 +151,7 @@ impl RunFigures {
             after_force_max_n,
             after_way_m,
             after_speed_m_s,
+            parked_off_m,
         }
     }
 }
@@ -157,6 +162,8 @@ pub(super) struct Tally {
     /// Of the error along the surface, m, and of the force's, N.
     limits: [f64; 2],
     period_s: f64,
+    /// Whether the plan presses anywhere.
+    presses: bool,
     ticks: u32,
     force_square: f64,
     along_square: f64,
@@ -165,6 +172,9 @@ pub(super) struct Tally {
     lost_now: u32,
     diverged: bool,
     not_begun: bool,
+    /// Whether the arm was to be parked after the run, and whether it is.
+    to_park: bool,
+    parked: bool,
     fault: Option<Fault>,
     /// Before the table: contact was lost, or the law pressed, at the tick before.
     lost_before: bool,
@@ -176,12 +186,13 @@ pub(super) struct Tally {
 }
 
 impl Tally {
-    /// Nothing has happened yet on `plan`.
-    pub(super) fn new(limits: &FailureLimits, plan: &Plan) -> Self {
+    /// Nothing has happened yet on `plan`; the arm is `to_park` after it, or not.
+    pub(super) fn new(limits: &FailureLimits, plan: &Plan, to_park: bool) -> Self {
         let zeros = [0.0; FIGURES];
         Self {
             limits: limits.of(plan),
             period_s: period_s(plan),
+            presses: plan.task.normal_force.largest() > 0.0,
             ticks: 0,
             force_square: 0.0,
             along_square: 0.0,
@@ -190,6 +201,8 @@ impl Tally {
             lost_now: 0,
             diverged: false,
             not_begun: false,
+            to_park,
+            parked: false,
             fault: None,
             lost_before: false,
             touched: false,
@@ -209,7 +222,7 @@ impl Tally {
         figures.force_error_max_n = figures.force_error_max_n.max(force.abs());
         figures.along_error_max_m = figures.along_error_max_m.max(along.abs());
         figures.force_max_n = figures.force_max_n.max(row.reading.force);
-        if row.reading.force > 0.0 {
+        if row.reading.force > 0.0 || !self.presses {
             self.lost_now = 0;
         } else {
             self.lost_ticks += 1;
@@ -271,6 +284,13 @@ impl Tally {
         self.fault = self.fault.or(row.fault);
     }
 
+    /// The arm stands where a move after the run ended.
+    pub(super) fn park(&mut self, row: &BenchRow) {
+        let (tip, planned) = (row.reading.tip, row.tip_reference);
+        self.figures.parked_off_m = libm::hypot(tip[0] - planned[0], tip[1] - planned[1]);
+        self.parked = true;
+    }
+
     /// The state has become infinite, undefined or absurd: there is nothing more to add.
     pub(super) fn diverge(&mut self) {
         self.diverged = true;
@@ -290,6 +310,8 @@ impl Tally {
             Outcome::Diverged
         } else if self.not_begun {
             Outcome::NotBegun
+        } else if self.to_park && !self.parked {
+            Outcome::NotParked
         } else if figures.along_error_max_m > self.limits[0] {
             Outcome::TipOffPath
         } else if figures.force_error_max_n > self.limits[1] {

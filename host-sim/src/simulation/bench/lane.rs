@@ -7,9 +7,10 @@ use flexor::control::Controller;
 use flexor::fault::Fault;
 use flexor::link::{Interlocks, RawSample, Refusal};
 use flexor::phase::Phase;
-use flexor::signals::{Reference, Saturation};
+use flexor::signals::Saturation;
 use flexor::supervisor::{
-    ControllerSlot, DriveScale, MemoryBoard, MonitoredController, Supervisor, check_enable,
+    Calibration, ControllerSlot, DriveScale, MemoryBoard, MonitorParameters, MonitoredController,
+    Monitors, StartPose, Supervisor, check_enable,
 };
 
 /// What a tick of the board gave.
@@ -42,6 +43,9 @@ const PERIOD_TICKS_HW: u32 = 1000;
 /// A board, homed and enabled, in the loop.
 pub(super) struct Lane<'a> {
     supervisor: Supervisor<'a>,
+    /// Where the next controller is made.
+    prepared: ControllerSlot<'a>,
+    calibration: Calibration,
     board: MemoryBoard,
     channels: Channels,
     scales: [DriveScale; 2],
@@ -53,12 +57,37 @@ pub(super) struct Lane<'a> {
     refusal: Option<Refusal>,
 }
 
+/// Homes a board at its home pose, from where the arm is moved by hand to where it stands.
+fn home(
+    supervisor: &mut Supervisor<'_>,
+    memory: &mut MemoryBoard,
+    channels: &Channels,
+    (arm, first): (&BenchArm, &CompliantReading),
+) {
+    // At its home pose the encoders count 0; from there it is moved by hand.
+    supervisor.tick(memory);
+    let homed = supervisor.home();
+    debug_assert!(homed.is_ok(), "a disabled board can be homed");
+    let turned = [0, 1].map(|i| {
+        let channel = &channels.encoder[i];
+        let angle = first.motor_angle[i] + arm.sensors.homing_rad[i];
+        (angle - channel.home_rad) / channel.rad_per_count
+    });
+    let furthest = turned.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+    let moves = (furthest / HAND_COUNTS).ceil().max(1.0) as u32;
+    for i in 1..=moves {
+        let share = f64::from(i) / f64::from(moves);
+        memory.sample.encoder = turned.map(|counts| (counts * share).round() as i64 as u16);
+        supervisor.tick(memory);
+    }
+}
+
 impl<'a> Lane<'a> {
     /// A board before the arm, which reads `first`: homed, moved to its start, enabled with
     /// what is `placed`. `places` are where the supervisor keeps its controllers. The drives have been
-    /// commanded `planned` (N m) for long; `first_row` is the table's. Whether the arm is near enough to the table's first row,
-    /// which a board's link asks before it enables, is not asked here: what a campaign draws may be
-    /// farther off, and is to be judged by how it runs.
+    /// commanded `planned` (N m) for long; the table begins at `start`. Whether the arm is near
+    /// enough to that, which a board's link asks before it enables, is told and enables all the
+    /// same: what a campaign draws may be farther off, and is to be judged by how it runs.
     pub(super) fn new(
         arm: &BenchArm,
         board: &BenchBoard,
@@ -67,16 +96,16 @@ impl<'a> Lane<'a> {
             &'a mut [Option<MonitoredController<'a>>; 2],
         ),
         first: &CompliantReading,
-        (planned, first_row): ([f64; 2], &Reference<f32>),
+        (planned, start): ([f64; 2], &StartPose),
         tick_rate_hz: u32,
     ) -> Self {
         let period_s = 1.0 / f64::from(tick_rate_hz);
         let channels = board.channels;
         let mut sensors = Sensors::new(&arm.sensors, period_s, &first.stimulus(), arm.seed);
-        let start = sensors.sample(&first.stimulus(), &channels);
+        let begin = sensors.sample(&first.stimulus(), &channels);
         let mut memory = MemoryBoard::new(RawSample {
             encoder: [0; 2],
-            ..start
+            ..begin
         });
         memory.period_ticks_hw = PERIOD_TICKS_HW;
         let [running, next] = places;
@@ -88,23 +117,8 @@ impl<'a> Lane<'a> {
             &board.calibration,
             tick_rate_hz,
         );
-        // At its home pose the encoders count 0; from there it is moved by hand.
-        supervisor.tick(&mut memory);
-        let homed = supervisor.home();
-        debug_assert!(homed.is_ok(), "a disabled board can be homed");
-        let turned = [0, 1].map(|i| {
-            let channel = &channels.encoder[i];
-            let angle = first.motor_angle[i] + arm.sensors.homing_rad[i];
-            (angle - channel.home_rad) / channel.rad_per_count
-        });
-        let furthest = turned.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
-        let moves = (furthest / HAND_COUNTS).ceil().max(1.0) as u32;
-        for i in 1..=moves {
-            let share = f64::from(i) / f64::from(moves);
-            memory.sample.encoder = turned.map(|counts| (counts * share).round() as i64 as u16);
-            supervisor.tick(&mut memory);
-        }
-        let refusal = check_enable(&board.safety, &supervisor.enable_inputs(), first_row);
+        home(&mut supervisor, &mut memory, &channels, (arm, first));
+        let refusal = check_enable(&board.safety, &supervisor.enable_inputs(), start);
         let mut prepared = ControllerSlot::new(next);
         prepared.put(placed.controller, placed.monitors);
         let enabled = supervisor.enable(&mut prepared);
@@ -120,6 +134,8 @@ impl<'a> Lane<'a> {
         });
         Self {
             supervisor,
+            prepared,
+            calibration: board.calibration,
             board: memory,
             channels,
             scales: board.drives,
@@ -134,6 +150,24 @@ impl<'a> Lane<'a> {
     /// Why a board would not have been enabled where the arm stands; it is, all the same.
     pub(super) fn refusal(&self) -> Option<Refusal> {
         self.refusal
+    }
+
+    /// Whether the arm stands with its drives on, and could go over to another table.
+    pub(super) fn stands(&self) -> bool {
+        self.board.torque.is_some()
+            && (self.supervisor.controller()).is_some_and(|controller| controller.phase().stands())
+    }
+
+    /// Goes over to the table of `controller`, with these thresholds of its monitors; whether it does.
+    pub(super) fn go_on(
+        &mut self,
+        controller: Controller<'a, f32>,
+        monitors: &MonitorParameters,
+        tick_rate_hz: u32,
+    ) -> bool {
+        let monitors = Monitors::new(monitors, &self.calibration, tick_rate_hz);
+        self.prepared.put(controller, monitors);
+        self.supervisor.go_on(&mut self.prepared).is_ok()
     }
 
     /// The tick at `t_s` (s) with the arm as `reading` says.

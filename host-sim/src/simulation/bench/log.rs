@@ -4,7 +4,7 @@ use crate::plant::Reading;
 use crate::plant::bench::CompliantPlant;
 use crate::plant::bench::lanes::Lanes;
 use crate::simulation::bench::{BenchArm, BenchRow, RunFigures};
-use crate::simulation::closed_loop::{LogRow, Run, SHAPE_STRIDE, summarise};
+use crate::simulation::closed_loop::{LogRow, Run, SHAPE_STRIDE, Summary, summarise};
 
 /// Collects the ticks of one arm.
 #[derive(Clone, Debug)]
@@ -64,7 +64,12 @@ impl BenchLog {
     /// The run of `arm` that has these `figures`, and its ticks.
     pub fn finish(self, figures: &RunFigures, arm: &BenchArm) -> (Run, Vec<BenchRow>) {
         let rows: Vec<LogRow> = self.rows.iter().map(LogRow::from).collect();
-        let summary = summarise(&rows, |_| figures.outcome);
+        let summary = Summary {
+            // Approach, lifting and what follows have a force of their own.
+            force_error_rms: figures.force_error_rms_n,
+            force_error_max: figures.force_error_max_n,
+            ..summarise(&rows, |_| figures.outcome)
+        };
         let run = Run {
             rows,
             summary,

@@ -29,7 +29,7 @@ mod lane;
 mod log;
 
 pub use arm::{ArmKind, BenchArm, BenchBoard, BenchError, Course};
-pub use bench::{BenchRow, BenchTask, refusal, run};
+pub use bench::{BenchRow, BenchTask, Then, refusal, run};
 pub use figures::{FIGURES, FailureLimits, Figure, RunFigures};
 pub use injection::{
     AnalogChannel, AnalogFault, FAULT_NAMES, FaultKind, FaultName, TimedFault, WISH_NAMES,
