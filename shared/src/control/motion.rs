@@ -191,6 +191,11 @@ impl<T: TableScalar> Motion<T> {
         }
     }
 
+    /// Whether the table is to stand by the operator's wish.
+    pub(super) fn paused(&self) -> bool {
+        self.paused
+    }
+
     /// Whether the table has begun.
     pub(super) fn begun(&self) -> bool {
         self.begun

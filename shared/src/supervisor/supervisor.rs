@@ -7,7 +7,8 @@
 
 use crate::control::Controller;
 use crate::fault::{Fault, Reaction};
-use crate::link::{Interlocks, Mode, RawSample, Refusal, SensorReport, TickReply};
+use crate::link::{Interlocks, Mode, RawSample, Refusal, RunStatus, SensorReport, TickReply};
+use crate::phase::Phase;
 use crate::signals::{Measurement, Saturation};
 use crate::supervisor::board::Board;
 use crate::supervisor::controller_slot::{ControllerSlot, MonitoredController};
@@ -47,6 +48,8 @@ pub struct SupervisorStatus {
     pub tick: u32,
     /// The latched fault, or the one for which an enabled arm has left its table, if any.
     pub fault: Option<Fault>,
+    /// The run of an enabled arm.
+    pub run: Option<RunStatus>,
     /// Ticks since start, of the timer and in lock-step; wraps.
     pub ticks_total: u32,
     /// Longest tick since start, ticks of the stopwatch.
@@ -343,26 +346,47 @@ impl<'a> Supervisor<'a> {
         before != self.ticks_total || matches!(self.state, State::LockStep { .. })
     }
 
-    /// Ends an enabled arm's run by the operator's wish: see [`Controller::retract`].
-    pub fn retract(&mut self) {
-        if let State::Enabled { .. } = self.state
-            && let Some(placed) = self.slot.controller()
-        {
-            placed.controller.retract(None);
-            // The table asks for nothing any more that the arm could be off; that it comes to rest is.
-            if placed.controller.has_motion() {
-                placed.monitors.stop();
-            }
+    /// The run of an enabled arm, if its law has a motion around it.
+    ///
+    /// # Errors
+    /// [`Refusal::NotEnabled`], [`Refusal::NoMotion`].
+    fn motion(&mut self) -> Result<&mut MonitoredController<'a>, Refusal> {
+        let State::Enabled { .. } = self.state else {
+            return Err(Refusal::NotEnabled);
+        };
+        let placed = self.slot.controller().ok_or(Refusal::NotEnabled)?;
+        if placed.controller.has_motion() {
+            Ok(placed)
+        } else {
+            Err(Refusal::NoMotion)
         }
     }
 
+    /// Ends an enabled arm's run by the operator's wish: see [`Controller::retract`].
+    ///
+    /// # Errors
+    /// [`Refusal::NotEnabled`]; [`Refusal::NoMotion`] with the paper's law.
+    pub fn retract(&mut self) -> Result<(), Refusal> {
+        let placed = self.motion()?;
+        placed.controller.retract(None);
+        // The table asks for nothing any more that the arm could be off; that it comes to rest is.
+        placed.monitors.stop();
+        Ok(())
+    }
+
     /// Lets an enabled arm's table stand, or go on: see [`Controller::pause`].
-    pub fn pause(&mut self, paused: bool) {
-        if let State::Enabled { .. } = self.state
-            && let Some(placed) = self.slot.controller()
-        {
-            placed.controller.pause(paused);
+    ///
+    /// # Errors
+    /// [`Refusal::NotEnabled`]; [`Refusal::NoMotion`] with the paper's law; [`Refusal::RunOver`]
+    /// where the arm stands or is about to.
+    pub fn pause(&mut self, paused: bool) -> Result<(), Refusal> {
+        let controller = &mut self.motion()?.controller;
+        let phase = controller.phase();
+        if phase.stands() || phase == Phase::Retract {
+            return Err(Refusal::RunOver);
         }
+        controller.pause(paused);
+        Ok(())
     }
 
     /// The host has been heard.
@@ -424,6 +448,19 @@ impl<'a> Supervisor<'a> {
         }
     }
 
+    /// Where an enabled arm's run is.
+    fn run(&self) -> Option<RunStatus> {
+        let State::Enabled { .. } = self.state else {
+            return None;
+        };
+        self.controller().map(|controller| RunStatus {
+            phase: controller.phase(),
+            ticks: controller.ticks(),
+            paused: controller.paused(),
+            motion: controller.has_motion(),
+        })
+    }
+
     /// What it is doing.
     pub fn status(&self) -> SupervisorStatus {
         SupervisorStatus {
@@ -433,6 +470,7 @@ impl<'a> Supervisor<'a> {
                 State::Enabled { .. } | State::LockStep { .. } => self.outbox.tick,
             },
             fault: self.fault.or(self.given_up_for()),
+            run: self.run(),
             ticks_total: self.ticks_total,
             ticks_hw_max: self.ticks_hw_max,
         }

@@ -2,7 +2,7 @@
 
 extern crate std;
 use super::*;
-use crate::control::{LawParameters, LimitParameters};
+use crate::control::{HybridParameters, LawParameters, LimitParameters};
 use crate::link::RawSample;
 use crate::model::ArmParameters;
 use crate::signals::Reference;
@@ -36,6 +36,11 @@ struct Rig {
 
 /// A controller that gives [`TORQUE`] at every tick.
 fn controller() -> Controller<'static, f32> {
+    controller_with(&LawParameters::FEEDFORWARD)
+}
+
+/// A controller with a law, whose table has [`TORQUE`] at every tick and presses on nothing.
+fn controller_with(law: &LawParameters) -> Controller<'static, f32> {
     let arm = ArmParameters::PAPER;
     let header = Header {
         arm_fingerprint: arm.fingerprint(),
@@ -64,7 +69,7 @@ fn controller() -> Controller<'static, f32> {
         torque_rate_nm_s: [1e6; 2],
     };
     let table = Table::open(image).unwrap();
-    Controller::new(&table, &arm, &LawParameters::FEEDFORWARD, &limits).unwrap()
+    Controller::new(&table, &arm, law, &limits).unwrap()
 }
 
 fn silent() -> Monitors {
@@ -115,6 +120,71 @@ impl Rig {
 }
 
 #[test]
+fn an_operator_pauses_resumes_and_ends_a_run_that_can() {
+    let mut rig = Rig::new();
+    let hybrid = HybridParameters::PAPER_ARM_HUB.into();
+    rig.prepared.put(controller_with(&hybrid), silent());
+    let not_enabled = Err(Refusal::NotEnabled);
+    assert_eq!(rig.supervisor.pause(true), not_enabled);
+    assert_eq!(rig.supervisor.retract(), not_enabled);
+    rig.tick();
+    rig.supervisor.enable(&mut rig.prepared).unwrap();
+    let run = |rig: &Rig| rig.supervisor.status().run.unwrap();
+    for _ in 0..10 {
+        rig.supervisor.link_alive();
+        rig.tick();
+    }
+    let before = run(&rig);
+    assert_eq!((before.phase, before.ticks), (Phase::Free, 100));
+    assert!(before.motion && !before.paused);
+    // The table comes to a stop, and goes on.
+    let ticks = |rig: &mut Rig| {
+        for _ in 0..2000 {
+            rig.supervisor.link_alive();
+            rig.tick();
+        }
+        rig.supervisor.status().tick
+    };
+    rig.supervisor.pause(true).unwrap();
+    assert!(run(&rig).paused);
+    let stopped = ticks(&mut rig);
+    assert!(stopped < 100 && ticks(&mut rig) == stopped, "{stopped}");
+    rig.supervisor.pause(false).unwrap();
+    assert!(!run(&rig).paused);
+    for _ in 0..40 {
+        rig.supervisor.link_alive();
+        rig.tick();
+    }
+    assert!(rig.supervisor.status().tick > stopped);
+    assert_eq!(rig.supervisor.retract(), Ok(()));
+    assert_eq!(run(&rig).phase, Phase::Retract);
+    assert_eq!(rig.supervisor.pause(true), Err(Refusal::RunOver));
+    assert_eq!(
+        rig.supervisor.retract(),
+        Ok(()),
+        "once more changes nothing"
+    );
+    ticks(&mut rig);
+    assert_eq!(run(&rig).phase, Phase::Hold);
+    assert_eq!(rig.supervisor.pause(false), Err(Refusal::RunOver));
+    assert!(rig.torque().is_some(), "it stands with its drives on");
+    rig.supervisor.disable();
+    assert_eq!(rig.supervisor.retract(), not_enabled);
+    assert_eq!(rig.supervisor.status().run, None);
+}
+
+#[test]
+fn the_papers_law_can_neither_pause_nor_retract() {
+    let mut rig = Rig::enabled();
+    let run = rig.supervisor.status().run.unwrap();
+    assert_eq!((run.phase, run.motion), (Phase::Follow, false));
+    assert_eq!(rig.supervisor.pause(true), Err(Refusal::NoMotion));
+    assert_eq!(rig.supervisor.retract(), Err(Refusal::NoMotion));
+    rig.tick();
+    assert_eq!(rig.supervisor.status().tick, 1);
+}
+
+#[test]
 fn it_starts_disabled_with_drives_off() {
     let mut rig = Rig::new();
     rig.board.torque = Some([1.0; 2]);
@@ -124,6 +194,7 @@ fn it_starts_disabled_with_drives_off() {
         mode: Mode::Disabled,
         tick: 0,
         fault: None,
+        run: None,
         ticks_total: 1,
         ticks_hw_max: 7,
     };
