@@ -14,6 +14,7 @@ use crate::supervisor::board::Board;
 use crate::supervisor::controller_slot::{ControllerSlot, MonitoredController};
 use crate::supervisor::enabling::{EnableInputs, InputHealth, SafetyLimits};
 use crate::supervisor::sensing::{Calibration, Sensing};
+use crate::supervisor::soft_start::SoftStart;
 use crate::supervisor::state::State;
 
 /// The controller's tick, its command written into the reply. Not inlined, or the compiler makes a copy for each mode.
@@ -37,6 +38,62 @@ fn react(run: &mut MonitoredController<'_>, fault: Fault, result: &mut TickReply
         result.torque = [0.0; 2];
         result.fault = Some(latched);
     }
+}
+
+/// A tick of a run, upon what is sensed and the `fault` that was found: the reaction to that, the
+/// controller, and then its monitors. The torques to command, N m, and whether the brakes open.
+#[inline]
+fn go_on(
+    placed: &mut MonitoredController<'_>,
+    start: &mut SoftStart,
+    (fault, sensing): (Option<Fault>, &Sensing),
+    result: &mut TickReply,
+) -> ([f32; 2], bool) {
+    if !start.is_over() {
+        let torque = raise(placed, start, (fault, sensing), result);
+        return (torque, start.is_over());
+    }
+    if let Some(fault) = fault {
+        react(placed, fault, result);
+    }
+    let measured = sensing.measurement();
+    run(&mut placed.controller, &measured, result);
+    monitor(placed, sensing, result);
+    (result.torque, false)
+}
+
+/// Looks at how a run goes.
+#[inline]
+fn monitor(run: &mut MonitoredController<'_>, sensing: &Sensing, result: &mut TickReply) {
+    let deviation = run.controller.deviation();
+    if let Some(fault) = run.monitors.tick(sensing, &deviation) {
+        react(run, fault, result);
+    }
+}
+
+/// A tick in which brakes still hold the arm: the controller's first, whose torques are raised.
+/// What is to be commanded. Any fault is off: the arm stands on its brakes. The monitors begin when
+/// the brakes open.
+#[cold]
+#[inline(never)]
+fn raise(
+    placed: &mut MonitoredController<'_>,
+    start: &mut SoftStart,
+    (fault, sensing): (Option<Fault>, &Sensing),
+    result: &mut TickReply,
+) -> [f32; 2] {
+    if let Some(fault) = fault {
+        placed.controller.trip(fault);
+        result.torque = [0.0; 2];
+        result.fault = placed.controller.fault();
+    } else if start.is_new() {
+        run(&mut placed.controller, &sensing.measurement(), result);
+    }
+    let torque = start.advance(result.torque);
+    if start.is_over() && result.fault.is_none() {
+        monitor(placed, sensing, result);
+    }
+    torque
 }
 
 /// What a [`Supervisor`] is doing.
@@ -104,6 +161,7 @@ pub struct SupervisorStatus {
 /// let limits = SafetyLimits {
 ///     start_rad: [0.01; 3],
 ///     start_motor_rad: [0.01; 2],
+///     soft_start_ticks: 0,
 ///     link_timeout_ticks: 100,
 /// };
 /// let sample = RawSample { force: 2048, strain: 2048, fresh: true, ..RawSample::default() };
@@ -220,7 +278,11 @@ impl<'a> Supervisor<'a> {
                     board.run_timer(true);
                 }
             }
-            State::Enabled { monitor, late } => {
+            State::Enabled {
+                monitor,
+                late,
+                start,
+            } => {
                 if !timer {
                     board.run_timer(true);
                 }
@@ -230,21 +292,18 @@ impl<'a> Supervisor<'a> {
                         fresh: raw.fresh,
                         in_range: self.sensing.in_range(),
                     };
-                    if let Some(fault) = monitor.tick(&health, *late, begun) {
-                        react(placed, fault, &mut self.outbox);
-                    }
-                    let measured = self.sensing.measurement();
-                    run(&mut placed.controller, &measured, &mut self.outbox);
-                    let deviation = placed.controller.deviation();
-                    if let Some(fault) = placed.monitors.tick(&self.sensing, &deviation) {
-                        react(placed, fault, &mut self.outbox);
-                    }
+                    let fault = monitor.tick(&health, *late, begun);
+                    let (sensing, outbox) = (&self.sensing, &mut self.outbox);
+                    let (torque, opens) = go_on(placed, start, (fault, sensing), outbox);
                     if self.outbox.fault.is_some() {
                         board.off();
                         self.fault = self.outbox.fault;
                         self.state.disable();
                     } else {
-                        board.command(self.outbox.torque);
+                        board.command(torque);
+                        if opens {
+                            board.release_brakes();
+                        }
                         *late = board.timer_due();
                     }
                 } else {

@@ -17,6 +17,7 @@ const PERIOD_TICKS_HW: u32 = 1000;
 const LIMITS: SafetyLimits = SafetyLimits {
     start_rad: [0.01; 3],
     start_motor_rad: [0.01; 2],
+    soft_start_ticks: 0,
     link_timeout_ticks: 20,
 };
 const CALIBRATION: Calibration = Calibration {
@@ -103,7 +104,13 @@ impl Rig {
     }
 
     fn enabled() -> Self {
+        Self::enabled_within(0)
+    }
+
+    /// Enabled with a soft start of so many ticks, the first of which has passed.
+    fn enabled_within(soft_start_ticks: u32) -> Self {
         let mut rig = Self::new();
+        rig.supervisor.limits.soft_start_ticks = soft_start_ticks;
         rig.tick();
         rig.supervisor.enable(&mut rig.prepared).unwrap();
         rig.tick();
@@ -116,6 +123,94 @@ impl Rig {
 
     fn torque(&self) -> Option<[f32; 2]> {
         self.board.torque
+    }
+}
+
+#[test]
+fn brakes_hold_the_arm_until_its_torques_are_there() {
+    const TICKS: u32 = 10;
+    let mut rig = Rig::enabled_within(TICKS);
+    let mut before = [0.0; 2];
+    for tick in 1..=TICKS {
+        let torque = rig.torque().unwrap();
+        for joint in 0..2 {
+            let step = f64::from((torque[joint] - before[joint]).abs());
+            let most = TORQUE[joint].abs() / f64::from(TICKS);
+            assert!((step - most).abs() < 1e-5, "{tick}: {torque:?}");
+        }
+        before = torque;
+        assert_eq!(rig.board.brakes_released, tick == TICKS);
+        // The table waits.
+        assert_eq!(rig.supervisor.status().tick, 0);
+        rig.tick();
+    }
+    assert!(rig.torque().is_some_and(planned));
+    assert_eq!(rig.supervisor.status().tick, 1);
+    rig.supervisor.disable();
+    rig.tick();
+    assert_eq!((rig.torque(), rig.board.brakes_released), (None, false));
+}
+
+#[test]
+fn without_a_soft_start_the_first_tick_opens_the_brakes_with_the_whole_torque() {
+    for ticks in [0, 1] {
+        let rig = Rig::enabled_within(ticks);
+        assert!(rig.board.brakes_released && rig.torque().is_some_and(planned));
+    }
+}
+
+#[test]
+fn a_fault_while_torques_are_raised_leaves_the_brakes_closed() {
+    let hybrid = HybridParameters::PAPER_ARM_HUB.into();
+    for law in [LawParameters::FEEDFORWARD, hybrid] {
+        for fails_at in 0..4 {
+            let mut rig = Rig::new();
+            rig.prepared.put(controller_with(&law), silent());
+            rig.supervisor.limits.soft_start_ticks = 5;
+            rig.tick();
+            rig.supervisor.enable(&mut rig.prepared).unwrap();
+            for _ in 0..fails_at {
+                rig.tick();
+                assert!(rig.torque().is_some() && !rig.board.brakes_released);
+            }
+            // Which with the hybrid law is a retract once the arm moves.
+            rig.board.sample.strain = 0;
+            rig.tick();
+            assert_eq!((rig.torque(), rig.board.brakes_released), (None, false));
+            let status = rig.supervisor.status();
+            assert_eq!(status.fault, Some(Fault::SensorRange));
+            assert_eq!(status.mode, Mode::Disabled);
+        }
+    }
+}
+
+#[test]
+fn brakes_are_closed_whenever_the_drives_are_off() {
+    let mut rig = Rig::enabled_within(3);
+    // Any order of what a host and the inputs may do.
+    let mut x = 1_u32;
+    for _ in 0..3000 {
+        x = x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        match x >> 28 {
+            0 => rig.supervisor.disable(),
+            1 => rig.board.interlocks.estop_released = false,
+            2 => {
+                rig.board.interlocks.estop_released = true;
+                rig.supervisor.acknowledge();
+            }
+            3 | 4 => {
+                rig.prepared.put(controller(), silent());
+                let _ = rig.supervisor.enable(&mut rig.prepared);
+            }
+            5 => {
+                rig.prepared.put(controller(), silent());
+                let _ = rig.supervisor.start_lock_step(&mut rig.prepared);
+            }
+            _ => {}
+        }
+        rig.supervisor.link_alive();
+        rig.tick();
+        assert!(rig.torque().is_some() || !rig.board.brakes_released);
     }
 }
 
