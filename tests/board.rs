@@ -9,7 +9,8 @@ use flexor::link::{
     ClockSource, FRAME_MAX, FrameErrors, Identity, Receiver, Reply, Request, StartReason, Status,
     VERSION, encode,
 };
-use flexor::link::{Interlocks, Mode, Refusal, SensorReport};
+use flexor::link::{Interlocks, Mode, Refusal, RunStatus, SensorReport};
+use flexor::phase::Phase;
 use flexor::signals::Measurement;
 use flexor::table::{Slot, SlotError, TableIdentity};
 use serde_json::Value;
@@ -50,6 +51,9 @@ struct Board {
     fault: Option<Fault>,
     /// Ticks that pass from status to status.
     pace: u32,
+    /// Where the run is, with a law that has a motion: what follows at each status that comes.
+    phase: Option<Phase>,
+    paused: bool,
 }
 
 impl Board {
@@ -58,6 +62,14 @@ impl Board {
         tick: 0,
         fault: None,
         pace: 10,
+        phase: None,
+        paused: false,
+    };
+
+    /// With the hybrid law.
+    const HYBRID: Self = Self {
+        phase: Some(Phase::Follow),
+        ..Self::NEW
     };
 
     /// As the firmware answers.
@@ -65,13 +77,27 @@ impl Board {
         match request {
             Request::Hello => Reply::Identity(IDENTITY),
             Request::Status => {
-                if self.mode == Mode::Enabled {
+                let goes_on = !self.paused && matches!(self.phase, None | Some(Phase::Follow));
+                if self.mode == Mode::Enabled && goes_on {
                     self.tick = (self.tick + self.pace).min(TABLE.ticks);
                 }
+                self.phase = self.phase.map(|phase| match phase {
+                    Phase::Follow if self.tick == TABLE.ticks => Phase::Retract,
+                    Phase::Retract => Phase::Hold,
+                    other => other,
+                });
+                let phase = self.phase.unwrap_or(Phase::Follow);
+                let run = RunStatus {
+                    phase,
+                    ticks: TABLE.ticks,
+                    paused: self.paused,
+                    motion: self.phase.is_some(),
+                };
                 Reply::Status(Status {
                     mode: self.mode,
                     tick: self.tick,
                     fault: self.fault,
+                    run: (self.mode == Mode::Enabled).then_some(run),
                     ticks_total: 1234,
                     ticks_hw_max: 84,
                     stack_bytes: 2500,
@@ -96,6 +122,17 @@ impl Board {
             }
             Request::Acknowledge => {
                 self.fault = None;
+                Reply::Done
+            }
+            Request::Pause | Request::Resume | Request::Retract if self.mode != Mode::Enabled => {
+                Reply::Refused(Refusal::NotEnabled)
+            }
+            Request::Pause | Request::Resume => {
+                self.paused = *request == Request::Pause;
+                Reply::Done
+            }
+            Request::Retract => {
+                self.phase = Some(Phase::Retract);
                 Reply::Done
             }
             Request::Home if self.mode == Mode::Disabled => Reply::Done,
@@ -412,6 +449,105 @@ fn a_signal_disables() {
 }
 
 #[test]
+fn an_arm_that_can_is_brought_to_stand_before_it_is_disabled() {
+    // At the table's end.
+    let mut board = Board::HYBRID;
+    let board = Fake::new(move |request| Some(board.answer(request)));
+    let output = board.run(&["enable"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stdout).ends_with("completed, disabled\n"));
+    let asked = board.asked();
+    let statuses = asked.iter().filter(|r| **r == Request::Status).count();
+    // Five to the end, and then two that find it standing.
+    assert!(statuses >= 7, "{asked:?}");
+    assert_eq!(asked.last(), Some(&Request::Disable));
+    // For a fault with the drives on.
+    let mut board = Board {
+        fault: Some(Fault::NoContact),
+        tick: 20,
+        phase: Some(Phase::Retract),
+        ..Board::NEW
+    };
+    let board = Fake::new(move |request| Some(board.answer(request)));
+    failed(
+        &board.run(&["enable"]),
+        &["(no_contact) after tick 20 of 50"],
+    );
+    let asked = board.asked();
+    let statuses = asked.iter().filter(|r| **r == Request::Status).count();
+    assert_eq!((statuses, asked.last()), (2, Some(&Request::Disable)));
+    // By another's request.
+    let mut board = Board {
+        tick: 20,
+        phase: Some(Phase::Retract),
+        ..Board::NEW
+    };
+    let board = Fake::new(move |request| Some(board.answer(request)));
+    let words = ["ended after tick 20 of 50", "not by this command"];
+    failed(&board.run(&["enable"]), &words);
+}
+
+#[test]
+fn a_signal_retracts_where_the_law_can_and_a_second_one_disables_at_once() {
+    for twice in [false, true] {
+        let mut board = Board {
+            pace: 0,
+            ..Board::HYBRID
+        };
+        let board = Fake::new(move |request| {
+            let reply = board.answer(request);
+            if twice && board.phase == Some(Phase::Hold) {
+                // It never comes to stand.
+                board.phase = Some(Phase::Retract);
+            }
+            Some(reply)
+        });
+        let mut child = board.start(&["enable"]);
+        board.until_asked(10, &mut child);
+        interrupt(&child);
+        if twice {
+            while !board.asked().contains(&Request::Retract) {
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            interrupt(&child);
+        }
+        let output = child.wait_with_output().unwrap();
+        failed(&output, &["interrupted and disabled after tick 0 of 50"]);
+        let asked = board.asked();
+        let retracts = asked.iter().filter(|r| **r == Request::Retract).count();
+        assert_eq!((retracts, asked.last()), (1, Some(&Request::Disable)));
+    }
+}
+
+#[test]
+fn a_run_is_paused_resumed_and_ended_and_its_progress_told() {
+    let mut board = Board {
+        mode: Mode::Enabled,
+        tick: 20,
+        ..Board::HYBRID
+    };
+    let board = Fake::new(move |request| Some(board.answer(request)));
+    let end = board.json(&["pause"]);
+    assert_eq!(
+        (&end["phase"], &end["paused"]),
+        (&"follow".into(), &true.into())
+    );
+    let words = text(&board.run(&["status"]).stdout);
+    assert!(words.contains("follow, paused, tick 30 of 50"), "{words}");
+    let end = board.json(&["resume"]);
+    assert_eq!((&end["paused"], &end["ticks"]), (&false.into(), &50.into()));
+    let end = board.json(&["retract"]);
+    assert_eq!(end["mode"], "enabled");
+    assert!(board.asked().contains(&Request::Retract));
+    let idle = Fake::good();
+    for verb in ["pause", "resume", "retract"] {
+        failed(&idle.run(&[verb]), &["refused", "not enabled"]);
+    }
+    let status = idle.json(&["status"]);
+    assert!(status["phase"].is_null() && status["paused"].is_null());
+}
+
+#[test]
 fn a_board_that_starts_again_or_is_disabled_by_another_ends_the_run() {
     let run = |instead: fn(&mut Board) -> Reply| {
         let mut board = Board::NEW;
@@ -508,7 +644,8 @@ fn silence_and_other_speech_are_told_apart() {
     old.push(0);
     let old = Fake::raw(move |_| old.clone());
     let output = old.start(&["status"]).wait_with_output().unwrap();
-    failed(&output, &["no answer", "another protocol version than 4"]);
+    let words = format!("another protocol version than {VERSION}");
+    failed(&output, &["no answer", &words]);
 }
 
 #[test]

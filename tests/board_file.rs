@@ -76,6 +76,7 @@ fn the_default_board_is_bit_for_bit_the_one_that_the_firmware_had() {
     let SafetyLimits {
         start_rad,
         start_motor_rad,
+        soft_start_ticks,
         link_timeout_ticks,
     } = board.safety();
     assert_eq!(
@@ -86,7 +87,7 @@ fn the_default_board_is_bit_for_bit_the_one_that_the_firmware_had() {
         start_motor_rad.map(f32::to_bits),
         [0.01_f32, 0.05].map(f32::to_bits)
     );
-    assert_eq!(link_timeout_ticks, 5000 / 10);
+    assert_eq!((soft_start_ticks, link_timeout_ticks), (500, 5000 / 10));
 }
 
 #[test]

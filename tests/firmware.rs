@@ -113,9 +113,10 @@ fn accesses(folder: &Path, registers: &[&str]) -> Vec<(String, u32)> {
         .collect()
 }
 
-/// Sets and clears the enable lines, bits 6 and 7; setting is the low half.
+/// Sets and clears the enable lines, bits 6 and 7, and the brakes' that open them, 11 and 12;
+/// setting is the low half.
 const ENABLES: &str = "GPIOC: 0x018";
-const ENABLES_OFF: u32 = 0x00c0_0000;
+const ENABLES_OFF: u32 = 0x18c0_0000;
 /// The torque commands; half the range is no torque.
 const TORQUES: [&str; 2] = ["DAC: 0x008", "DAC: 0x014"];
 const TORQUE_ZERO: u32 = 0x0800;

@@ -112,6 +112,9 @@ impl Comms {
                 Ok(())
             }
             Request::Home => supervisor.lock(Supervisor::home),
+            Request::Pause => supervisor.lock(|s| s.pause(true)),
+            Request::Resume => supervisor.lock(|s| s.pause(false)),
+            Request::Retract => supervisor.lock(Supervisor::retract),
             Request::StartLockStep { slot, setup } => {
                 match self.start_lock_step(slot, &setup, supervisor) {
                     Ok(table) => return Reply::LockStep(table),
@@ -197,6 +200,7 @@ fn status(supervisor: &mut impl Mutex<T = Supervisor<'static>>, line: LineErrors
         mode,
         tick,
         fault,
+        run,
         ticks_total,
         ticks_hw_max,
     } = supervisor.lock(|s| s.status());
@@ -204,6 +208,7 @@ fn status(supervisor: &mut impl Mutex<T = Supervisor<'static>>, line: LineErrors
         mode,
         tick,
         fault,
+        run,
         ticks_total,
         ticks_hw_max,
         stack_bytes: stack::deepest(),

@@ -252,6 +252,8 @@ pub(super) enum BoardError {
     Fault { fault: Fault, tick: u32, ticks: u32 },
     #[error("somebody else disabled it after tick {tick} of {ticks}")]
     Disabled { tick: u32, ticks: u32 },
+    #[error("the run was ended after tick {tick} of {ticks}, and not by this command; disabled")]
+    Retracted { tick: u32, ticks: u32 },
     #[error("interrupted and disabled after tick {tick} of {ticks}")]
     Interrupted { tick: u32, ticks: u32 },
     #[error(

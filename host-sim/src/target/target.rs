@@ -140,6 +140,35 @@ impl Target {
         }
     }
 
+    /// Lets the table stand where it is (`true`), or go on.
+    ///
+    /// # Errors
+    /// [`TargetError::Refused`] if there is no run that can; else other [`TargetError`]s.
+    pub fn pause(&mut self, paused: bool) -> Result<(), TargetError> {
+        self.done(if paused {
+            &Request::Pause
+        } else {
+            &Request::Resume
+        })
+    }
+
+    /// Ends the run: the tip is lifted off the surface, and the arm stands with its drives on.
+    ///
+    /// # Errors
+    /// [`TargetError::Refused`] if there is no run, or its law cannot; else other
+    /// [`TargetError`]s.
+    pub fn retract(&mut self) -> Result<(), TargetError> {
+        self.done(&Request::Retract)
+    }
+
+    /// A request that is answered by its being done.
+    fn done(&mut self, request: &Request) -> Result<(), TargetError> {
+        match self.ask(request, "consent")? {
+            Reply::Done => Ok(()),
+            other => Err(unexpected("consent", &other)),
+        }
+    }
+
     /// Lets the microcontroller forget its latched fault.
     ///
     /// # Errors

@@ -389,6 +389,19 @@ impl<'a, T: TableScalar> Controller<'a, T> {
         }
     }
 
+    /// Whether the table is to stand by the operator's wish.
+    pub fn paused(&self) -> bool {
+        match &self.feedback {
+            Feedback::Paper(..) => false,
+            Feedback::Hybrid(_, _, motion) => motion.paused(),
+        }
+    }
+
+    /// Ticks that the table has.
+    pub fn ticks(&self) -> u32 {
+        self.table.header().ticks
+    }
+
     /// Where the run is.
     pub fn phase(&self) -> Phase {
         match &self.feedback {

@@ -18,7 +18,7 @@ use postcard::ser_flavors::{Cobs, Slice, crc::CrcModifier};
 use serde::{Deserialize, Serialize};
 
 /// Version of the protocol, first byte of every frame.
-pub const VERSION: u8 = 4;
+pub const VERSION: u8 = 5;
 
 /// Most bytes of a frame before COBS: version, message, CRC. COBS adds one byte to each 254 begun
 /// of that, and the end one more.

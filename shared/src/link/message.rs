@@ -26,6 +26,9 @@
 //! | 7 measured | `07`, sequence varint, measurement |
 //! | 8 sensors | `08` |
 //! | 9 home | `09` |
+//! | 10 pause | `0a` |
+//! | 11 resume | `0b` |
+//! | 12 retract | `0c` |
 //!
 //! A [`Measurement`] is 34 bytes: angle 2 x f32, root slope f32, root slope rate f32, force
 //! f32, motor angle 2 x f32, root moment f32, drive 2 x ([`Saturation`](crate::signals::Saturation): 0 none, 1 upper, 2 lower).
@@ -44,7 +47,7 @@
 //! | reply | bytes |
 //! |---|---|
 //! | 0 identity | `00`, [`Identity`]: firmware version 3 x u16 (varints), git 4 x u8, modified bool, arm fingerprint u32 as option, slots 2 x result of (table, [`SlotError`](crate::table::SlotError)), tick rate, core clock, stopwatch rate, ticks of the stopwatch per 1,000 nops (u32, varints), [`ClockSource`](crate::link::ClockSource), [`StartReason`](crate::link::StartReason) |
-//! | 1 status | `01`, [`Status`]: [`Mode`](crate::link::Mode), tick u32, fault as option, ticks since start, longest tick, stack (u32), [`FrameErrors`](crate::link::FrameErrors) 5 x u32, bytes lost, log entries lost (u32), all varints |
+//! | 1 status | `01`, [`Status`]: [`Mode`](crate::link::Mode), tick u32, fault as option, [`RunStatus`](crate::link::RunStatus) as option ([`Phase`](crate::phase::Phase) u8, ticks of the table varint, paused bool, motion bool), ticks since start, longest tick, stack (u32), [`FrameErrors`](crate::link::FrameErrors) 5 x u32, bytes lost, log entries lost (u32), all varints |
 //! | 2 done | `02` |
 //! | 3 refused | `03`, [`Refusal`] |
 //! | 4 command | `04`, sequence varint, tick varint, torque 2 x f32, saturation 2 x u8, fault number u8 as option, ticks of the stopwatch varint |
@@ -62,6 +65,14 @@
 //! keeps an enabled arm going, and 100 ms without one stop it; *status* is meant for that. At the
 //! table's end the tick stays at the table's number of ticks and the last torques hold
 //! until the host disables.
+//!
+//! # Pause, resume, retract
+//!
+//! With the hybrid law *pause* lets the table stand where it is, without leaving the surface, and
+//! *resume* lets it go on. *retract* ends the run: the table comes to a stop, the force is taken away,
+//! the tip lifted off, and the arm stands with its drives on until the host disables; *status* says
+//! in its phase when it does. All three are refused when not enabled and with the paper's law, the
+//! first two also when the run is over or being ended; a second *retract* changes nothing.
 //!
 //! # Lock-step
 //!
@@ -120,6 +131,13 @@ pub enum Request {
     /// The arm stands at its home pose, from which the encoders count. Wanted once after
     /// every start and every lock-step, before the drives can be enabled.
     Home,
+    /// Let the table stand where it is, without leaving the surface.
+    Pause,
+    /// Let a table that stands go on.
+    Resume,
+    /// End the run: the table stops, the force is taken away, the tip is lifted off, and the arm
+    /// stands with its drives on.
+    Retract,
 }
 
 /// What the microcontroller answers.
@@ -165,8 +183,10 @@ mod tests {
     use crate::fault::Fault;
     use crate::link::testing::{SETUP, TABLE, feed, frame, raw_frame, replies};
     use crate::link::{
-        ClockSource, FrameErrors, Interlocks, Mode, RawSample, Receiver, StartReason, VERSION,
+        ClockSource, FrameErrors, Interlocks, Mode, RawSample, Receiver, RunStatus, StartReason,
+        VERSION,
     };
+    use crate::phase::Phase;
     use crate::signals::Saturation;
     use crate::table::SlotError;
     use proptest::prelude::*;
@@ -233,6 +253,41 @@ mod tests {
         };
         let body = [VERSION, 7, 1, 0xb4, 0x24, 1, 0xac, 0x02, 0x90, 0x4e];
         assert_eq!(frame(&enabled), raw_frame(&body));
+    }
+
+    #[test]
+    fn what_an_operator_does_with_a_run_is_as_documented() {
+        for (request, number) in [
+            (Request::Pause, 10),
+            (Request::Resume, 11),
+            (Request::Retract, 12),
+        ] {
+            assert_eq!(frame(&request), raw_frame(&[VERSION, number]));
+            let got = feed(&mut Receiver::new(), &frame(&request));
+            assert_eq!(got, [request]);
+        }
+        let status = Reply::Status(Status {
+            mode: Mode::Enabled,
+            tick: 300,
+            fault: None,
+            run: Some(RunStatus {
+                phase: Phase::Retract,
+                ticks: 10_000,
+                paused: true,
+                motion: true,
+            }),
+            ticks_total: 1,
+            ticks_hw_max: 2,
+            stack_bytes: 3,
+            frame_errors: FrameErrors::default(),
+            bytes_lost: 4,
+            logs_lost: 5,
+        });
+        let body = [
+            VERSION, 1, 1, 0xac, 0x02, 0, 1, 5, 0x90, 0x4e, 1, 1, 1, 2, 3, 0, 0, 0, 0, 0, 4, 5,
+        ];
+        assert_eq!(frame(&status), raw_frame(&body));
+        assert_eq!(replies(&frame(&status)), [status]);
     }
 
     #[test]
@@ -309,6 +364,12 @@ mod tests {
             mode: Mode::LockStep,
             tick: u32::MAX,
             fault: Some(Fault::Drive),
+            run: Some(RunStatus {
+                phase: Phase::Park,
+                ticks: u32::MAX,
+                paused: true,
+                motion: true,
+            }),
             ticks_total: u32::MAX,
             ticks_hw_max: u32::MAX,
             stack_bytes: u32::MAX,

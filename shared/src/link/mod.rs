@@ -30,8 +30,8 @@ pub use frame::{FRAME_MAX, FrameErrors, FrameTooLong, PAYLOAD_MAX, Receiver, VER
 pub use message::{LOG_MAX, LogEntry, Reply, Request};
 pub use refusal::Refusal;
 pub use report::{
-    ClockSource, Identity, Interlocks, Mode, RawSample, SensorReport, StartReason, Status,
-    TickReply,
+    ClockSource, Identity, Interlocks, Mode, RawSample, RunStatus, SensorReport, StartReason,
+    Status, TickReply,
 };
 pub use setup::{
     FreeSetup, HybridSetup, LawSetup, LimitSetup, MonitorSetup, MotionSetup, PaperSetup, Setup,

@@ -44,6 +44,13 @@ pub enum Refusal {
         /// How far either may be off, rad.
         allowed_rad: [f32; 2],
     },
+    /// Not enabled; the request is about an enabled arm's run.
+    NotEnabled,
+    /// The paper's law follows its table from the first tick to the last: it can neither pause nor
+    /// retract.
+    NoMotion,
+    /// The run is over or being ended: there is no table to stand or to go on.
+    RunOver,
 }
 
 impl fmt::Display for Refusal {
@@ -84,6 +91,11 @@ impl fmt::Display for Refusal {
                 deviation_rad,
                 allowed_rad,
             } => motors_away(f, deviation_rad, allowed_rad),
+            Self::NotEnabled => f.write_str("not enabled: there is no run"),
+            Self::NoMotion => f.write_str(
+                "the paper's law can neither pause nor retract: disable, which switches the drives off",
+            ),
+            Self::RunOver => f.write_str("the run is over or being ended: the table does not go on"),
         }
     }
 }

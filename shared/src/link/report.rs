@@ -2,6 +2,7 @@
 
 use crate::fault::Fault;
 use crate::link::frame::FrameErrors;
+use crate::phase::Phase;
 use crate::signals::{Measurement, Saturation};
 use crate::table::{SlotError, TableIdentity};
 use serde::{Deserialize, Serialize};
@@ -82,8 +83,10 @@ pub struct Status {
     pub mode: Mode,
     /// Tick of the table; 0 when none runs.
     pub tick: u32,
-    /// Latched fault, if any.
+    /// Latched fault, if any, or what an enabled arm's run was given up for with the drives on.
     pub fault: Option<Fault>,
+    /// The run of an enabled arm; `None` in other modes.
+    pub run: Option<RunStatus>,
     /// Ticks since start, of the timer and in lock-step.
     pub ticks_total: u32,
     /// Longest tick since start, ticks of the stopwatch.
@@ -96,6 +99,19 @@ pub struct Status {
     pub bytes_lost: u32,
     /// Log entries lost because nobody read the log in time.
     pub logs_lost: u32,
+}
+
+/// Where an enabled arm's run is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RunStatus {
+    /// Where it is, from approach to hold; always `Follow` with the paper's law.
+    pub phase: Phase,
+    /// Ticks that the table has.
+    pub ticks: u32,
+    /// The table stands by the operator's wish.
+    pub paused: bool,
+    /// The law has a motion around it, which can pause and retract: the paper's has none.
+    pub motion: bool,
 }
 
 /// What the microcontroller is doing.

@@ -23,8 +23,12 @@ pub trait Board {
     /// drives take are cut off.
     fn command(&mut self, torque: [f32; 2]);
 
-    /// Drives disabled, torques zero.
+    /// Drives disabled, torques zero, brakes closed.
     fn off(&mut self);
+
+    /// Opens both brakes, which stay open until [`off`](Self::off). A board without brakes does
+    /// nothing.
+    fn release_brakes(&mut self);
 
     /// Clears the control timer's request; true if there was one, false if the interrupt was
     /// requested by software alone.

@@ -46,6 +46,9 @@ pub struct BoardParameters {
     pub start_slope_rad: f64,
     /// Largest deviation of the motors' angles there, rad, which the hybrid law asks instead.
     pub start_motor_rad: [f64; 2],
+    /// Time in which the first torques are raised from nothing while brakes hold the arm, s; 0 for
+    /// none.
+    pub soft_start_s: f64,
     /// Time without a request after which an enabled arm stops, s.
     pub link_timeout_s: f64,
 }
@@ -157,10 +160,11 @@ impl BoardParameters {
         [share * first, share * second]
     }
 
-    /// Limits for enabling and for staying enabled. The time-out is rounded to whole ticks, at
-    /// least one.
+    /// Limits for enabling and for staying enabled. Times are rounded to whole ticks, the time-out
+    /// to at least one.
     pub const fn safety(&self) -> SafetyLimits {
-        let ticks = (self.link_timeout_s * self.tick_rate_hz as f64 + 0.5) as u32;
+        let rate = self.tick_rate_hz as f64;
+        let ticks = (self.link_timeout_s * rate + 0.5) as u32;
         SafetyLimits {
             start_rad: [
                 self.start_angle_rad[0] as f32,
@@ -171,6 +175,7 @@ impl BoardParameters {
                 self.start_motor_rad[0] as f32,
                 self.start_motor_rad[1] as f32,
             ],
+            soft_start_ticks: (self.soft_start_s * rate + 0.5) as u32,
             link_timeout_ticks: if ticks > 0 { ticks } else { 1 },
         }
     }
@@ -245,6 +250,7 @@ mod tests {
         start_angle_rad: [0.01, 0.02],
         start_slope_rad: 0.03,
         start_motor_rad: [0.04, 0.05],
+        soft_start_s: 0.05,
         link_timeout_s: 0.1,
     };
 
@@ -268,6 +274,7 @@ mod tests {
         assert_eq!(safety.start_rad, [0.01, 0.02, 0.03]);
         assert_eq!(safety.start_motor_rad, [0.04, 0.05]);
         assert_eq!(safety.link_timeout_ticks, 400);
+        assert_eq!(safety.soft_start_ticks, 200);
         let never = BoardParameters {
             link_timeout_s: 0.0,
             ..BOARD

@@ -18,6 +18,8 @@ pub struct SafetyLimits {
     pub start_rad: [f32; 3],
     /// The same of the motors' angles, rad: for the hybrid law ([`StartPose::Motors`]).
     pub start_motor_rad: [f32; 2],
+    /// Ticks in which the first torques are raised while brakes hold the arm; 0 and 1 are none.
+    pub soft_start_ticks: u32,
     /// Ticks without a request after which an enabled arm stops.
     pub link_timeout_ticks: u32,
 }
@@ -244,6 +246,7 @@ mod tests {
     const LIMITS: SafetyLimits = SafetyLimits {
         start_rad: [0.01, 0.01, 0.02],
         start_motor_rad: [0.01, 0.05],
+        soft_start_ticks: 0,
         link_timeout_ticks: 3,
     };
     const GOOD: InputHealth = InputHealth {

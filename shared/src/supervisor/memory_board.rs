@@ -23,6 +23,8 @@ pub struct MemoryBoard {
     /// Torques (tau1, tau2) that the enabled drives were last commanded, N m; `None` when
     /// they are disabled.
     pub torque: Option<[f32; 2]>,
+    /// The brakes are open.
+    pub brakes_released: bool,
     /// The control timer runs.
     pub timer_running: bool,
     /// The next tick is due before this one has ended.
@@ -36,7 +38,7 @@ pub struct MemoryBoard {
 
 impl MemoryBoard {
     /// A board in good order whose sensors read `sample`: stop released, drives ok and
-    /// disabled, timer running.
+    /// disabled, brakes closed, timer running.
     pub fn new(sample: RawSample) -> Self {
         Self {
             sample,
@@ -45,6 +47,7 @@ impl MemoryBoard {
                 drives_ok: true,
             },
             torque: None,
+            brakes_released: false,
             timer_running: true,
             timer_due: false,
             stopwatch_step: 1,
@@ -75,6 +78,11 @@ impl Board for MemoryBoard {
 
     fn off(&mut self) {
         self.torque = None;
+        self.brakes_released = false;
+    }
+
+    fn release_brakes(&mut self) {
+        self.brakes_released = true;
     }
 
     fn acknowledge_timer(&mut self) -> bool {

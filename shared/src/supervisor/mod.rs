@@ -21,6 +21,7 @@ mod memory_board;
 mod monitors;
 mod parameters;
 mod sensing;
+mod soft_start;
 mod state;
 #[expect(clippy::module_inception, reason = "the wing's main file has its name")]
 mod supervisor;

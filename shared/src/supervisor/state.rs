@@ -7,6 +7,7 @@
 use crate::link::{Mode, Refusal};
 use crate::signals::Measurement;
 use crate::supervisor::enabling::{FaultMonitor, SafetyLimits};
+use crate::supervisor::soft_start::SoftStart;
 
 /// The supervisor's state.
 ///
@@ -52,6 +53,8 @@ pub(super) enum State {
         monitor: FaultMonitor,
         /// The last tick was not over when the next one was due.
         late: bool,
+        /// How far the first torques have been raised; until they are, brakes hold the arm.
+        start: SoftStart,
     },
 }
 
@@ -80,6 +83,7 @@ impl State {
         *self = Self::Enabled {
             monitor: FaultMonitor::new(limits, period_ticks_hw),
             late: false,
+            start: SoftStart::new(limits.soft_start_ticks),
         };
         Ok(())
     }
@@ -121,6 +125,7 @@ mod tests {
     const LIMITS: SafetyLimits = SafetyLimits {
         start_rad: [0.01; 3],
         start_motor_rad: [0.01; 2],
+        soft_start_ticks: 0,
         link_timeout_ticks: 20,
     };
 

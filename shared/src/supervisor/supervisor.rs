@@ -7,12 +7,14 @@
 
 use crate::control::Controller;
 use crate::fault::{Fault, Reaction};
-use crate::link::{Interlocks, Mode, RawSample, Refusal, SensorReport, TickReply};
+use crate::link::{Interlocks, Mode, RawSample, Refusal, RunStatus, SensorReport, TickReply};
+use crate::phase::Phase;
 use crate::signals::{Measurement, Saturation};
 use crate::supervisor::board::Board;
 use crate::supervisor::controller_slot::{ControllerSlot, MonitoredController};
 use crate::supervisor::enabling::{EnableInputs, InputHealth, SafetyLimits};
 use crate::supervisor::sensing::{Calibration, Sensing};
+use crate::supervisor::soft_start::SoftStart;
 use crate::supervisor::state::State;
 
 /// The controller's tick, its command written into the reply. Not inlined, or the compiler makes a copy for each mode.
@@ -38,6 +40,62 @@ fn react(run: &mut MonitoredController<'_>, fault: Fault, result: &mut TickReply
     }
 }
 
+/// A tick of a run, upon what is sensed and the `fault` that was found: the reaction to that, the
+/// controller, and then its monitors. The torques to command, N m, and whether the brakes open.
+#[inline]
+fn go_on(
+    placed: &mut MonitoredController<'_>,
+    start: &mut SoftStart,
+    (fault, sensing): (Option<Fault>, &Sensing),
+    result: &mut TickReply,
+) -> ([f32; 2], bool) {
+    if !start.is_over() {
+        let torque = raise(placed, start, (fault, sensing), result);
+        return (torque, start.is_over());
+    }
+    if let Some(fault) = fault {
+        react(placed, fault, result);
+    }
+    let measured = sensing.measurement();
+    run(&mut placed.controller, &measured, result);
+    monitor(placed, sensing, result);
+    (result.torque, false)
+}
+
+/// Looks at how a run goes.
+#[inline]
+fn monitor(run: &mut MonitoredController<'_>, sensing: &Sensing, result: &mut TickReply) {
+    let deviation = run.controller.deviation();
+    if let Some(fault) = run.monitors.tick(sensing, &deviation) {
+        react(run, fault, result);
+    }
+}
+
+/// A tick in which brakes still hold the arm: the controller's first, whose torques are raised.
+/// What is to be commanded. Any fault is off: the arm stands on its brakes. The monitors begin when
+/// the brakes open.
+#[cold]
+#[inline(never)]
+fn raise(
+    placed: &mut MonitoredController<'_>,
+    start: &mut SoftStart,
+    (fault, sensing): (Option<Fault>, &Sensing),
+    result: &mut TickReply,
+) -> [f32; 2] {
+    if let Some(fault) = fault {
+        placed.controller.trip(fault);
+        result.torque = [0.0; 2];
+        result.fault = placed.controller.fault();
+    } else if start.is_new() {
+        run(&mut placed.controller, &sensing.measurement(), result);
+    }
+    let torque = start.advance(result.torque);
+    if start.is_over() && result.fault.is_none() {
+        monitor(placed, sensing, result);
+    }
+    torque
+}
+
 /// What a [`Supervisor`] is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SupervisorStatus {
@@ -47,6 +105,8 @@ pub struct SupervisorStatus {
     pub tick: u32,
     /// The latched fault, or the one for which an enabled arm has left its table, if any.
     pub fault: Option<Fault>,
+    /// The run of an enabled arm.
+    pub run: Option<RunStatus>,
     /// Ticks since start, of the timer and in lock-step; wraps.
     pub ticks_total: u32,
     /// Longest tick since start, ticks of the stopwatch.
@@ -101,6 +161,7 @@ pub struct SupervisorStatus {
 /// let limits = SafetyLimits {
 ///     start_rad: [0.01; 3],
 ///     start_motor_rad: [0.01; 2],
+///     soft_start_ticks: 0,
 ///     link_timeout_ticks: 100,
 /// };
 /// let sample = RawSample { force: 2048, strain: 2048, fresh: true, ..RawSample::default() };
@@ -217,7 +278,11 @@ impl<'a> Supervisor<'a> {
                     board.run_timer(true);
                 }
             }
-            State::Enabled { monitor, late } => {
+            State::Enabled {
+                monitor,
+                late,
+                start,
+            } => {
                 if !timer {
                     board.run_timer(true);
                 }
@@ -227,21 +292,18 @@ impl<'a> Supervisor<'a> {
                         fresh: raw.fresh,
                         in_range: self.sensing.in_range(),
                     };
-                    if let Some(fault) = monitor.tick(&health, *late, begun) {
-                        react(placed, fault, &mut self.outbox);
-                    }
-                    let measured = self.sensing.measurement();
-                    run(&mut placed.controller, &measured, &mut self.outbox);
-                    let deviation = placed.controller.deviation();
-                    if let Some(fault) = placed.monitors.tick(&self.sensing, &deviation) {
-                        react(placed, fault, &mut self.outbox);
-                    }
+                    let fault = monitor.tick(&health, *late, begun);
+                    let (sensing, outbox) = (&self.sensing, &mut self.outbox);
+                    let (torque, opens) = go_on(placed, start, (fault, sensing), outbox);
                     if self.outbox.fault.is_some() {
                         board.off();
                         self.fault = self.outbox.fault;
                         self.state.disable();
                     } else {
-                        board.command(self.outbox.torque);
+                        board.command(torque);
+                        if opens {
+                            board.release_brakes();
+                        }
                         *late = board.timer_due();
                     }
                 } else {
@@ -343,26 +405,47 @@ impl<'a> Supervisor<'a> {
         before != self.ticks_total || matches!(self.state, State::LockStep { .. })
     }
 
-    /// Ends an enabled arm's run by the operator's wish: see [`Controller::retract`].
-    pub fn retract(&mut self) {
-        if let State::Enabled { .. } = self.state
-            && let Some(placed) = self.slot.controller()
-        {
-            placed.controller.retract(None);
-            // The table asks for nothing any more that the arm could be off; that it comes to rest is.
-            if placed.controller.has_motion() {
-                placed.monitors.stop();
-            }
+    /// The run of an enabled arm, if its law has a motion around it.
+    ///
+    /// # Errors
+    /// [`Refusal::NotEnabled`], [`Refusal::NoMotion`].
+    fn motion(&mut self) -> Result<&mut MonitoredController<'a>, Refusal> {
+        let State::Enabled { .. } = self.state else {
+            return Err(Refusal::NotEnabled);
+        };
+        let placed = self.slot.controller().ok_or(Refusal::NotEnabled)?;
+        if placed.controller.has_motion() {
+            Ok(placed)
+        } else {
+            Err(Refusal::NoMotion)
         }
     }
 
+    /// Ends an enabled arm's run by the operator's wish: see [`Controller::retract`].
+    ///
+    /// # Errors
+    /// [`Refusal::NotEnabled`]; [`Refusal::NoMotion`] with the paper's law.
+    pub fn retract(&mut self) -> Result<(), Refusal> {
+        let placed = self.motion()?;
+        placed.controller.retract(None);
+        // The table asks for nothing any more that the arm could be off; that it comes to rest is.
+        placed.monitors.stop();
+        Ok(())
+    }
+
     /// Lets an enabled arm's table stand, or go on: see [`Controller::pause`].
-    pub fn pause(&mut self, paused: bool) {
-        if let State::Enabled { .. } = self.state
-            && let Some(placed) = self.slot.controller()
-        {
-            placed.controller.pause(paused);
+    ///
+    /// # Errors
+    /// [`Refusal::NotEnabled`]; [`Refusal::NoMotion`] with the paper's law; [`Refusal::RunOver`]
+    /// where the arm stands or is about to.
+    pub fn pause(&mut self, paused: bool) -> Result<(), Refusal> {
+        let controller = &mut self.motion()?.controller;
+        let phase = controller.phase();
+        if phase.stands() || phase == Phase::Retract {
+            return Err(Refusal::RunOver);
         }
+        controller.pause(paused);
+        Ok(())
     }
 
     /// The host has been heard.
@@ -424,6 +507,19 @@ impl<'a> Supervisor<'a> {
         }
     }
 
+    /// Where an enabled arm's run is.
+    fn run(&self) -> Option<RunStatus> {
+        let State::Enabled { .. } = self.state else {
+            return None;
+        };
+        self.controller().map(|controller| RunStatus {
+            phase: controller.phase(),
+            ticks: controller.ticks(),
+            paused: controller.paused(),
+            motion: controller.has_motion(),
+        })
+    }
+
     /// What it is doing.
     pub fn status(&self) -> SupervisorStatus {
         SupervisorStatus {
@@ -433,6 +529,7 @@ impl<'a> Supervisor<'a> {
                 State::Enabled { .. } | State::LockStep { .. } => self.outbox.tick,
             },
             fault: self.fault.or(self.given_up_for()),
+            run: self.run(),
             ticks_total: self.ticks_total,
             ticks_hw_max: self.ticks_hw_max,
         }

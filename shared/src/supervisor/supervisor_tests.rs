@@ -2,7 +2,7 @@
 
 extern crate std;
 use super::*;
-use crate::control::{LawParameters, LimitParameters};
+use crate::control::{HybridParameters, LawParameters, LimitParameters};
 use crate::link::RawSample;
 use crate::model::ArmParameters;
 use crate::signals::Reference;
@@ -17,6 +17,7 @@ const PERIOD_TICKS_HW: u32 = 1000;
 const LIMITS: SafetyLimits = SafetyLimits {
     start_rad: [0.01; 3],
     start_motor_rad: [0.01; 2],
+    soft_start_ticks: 0,
     link_timeout_ticks: 20,
 };
 const CALIBRATION: Calibration = Calibration {
@@ -36,6 +37,11 @@ struct Rig {
 
 /// A controller that gives [`TORQUE`] at every tick.
 fn controller() -> Controller<'static, f32> {
+    controller_with(&LawParameters::FEEDFORWARD)
+}
+
+/// A controller with a law, whose table has [`TORQUE`] at every tick and presses on nothing.
+fn controller_with(law: &LawParameters) -> Controller<'static, f32> {
     let arm = ArmParameters::PAPER;
     let header = Header {
         arm_fingerprint: arm.fingerprint(),
@@ -64,7 +70,7 @@ fn controller() -> Controller<'static, f32> {
         torque_rate_nm_s: [1e6; 2],
     };
     let table = Table::open(image).unwrap();
-    Controller::new(&table, &arm, &LawParameters::FEEDFORWARD, &limits).unwrap()
+    Controller::new(&table, &arm, law, &limits).unwrap()
 }
 
 fn silent() -> Monitors {
@@ -98,7 +104,13 @@ impl Rig {
     }
 
     fn enabled() -> Self {
+        Self::enabled_within(0)
+    }
+
+    /// Enabled with a soft start of so many ticks, the first of which has passed.
+    fn enabled_within(soft_start_ticks: u32) -> Self {
         let mut rig = Self::new();
+        rig.supervisor.limits.soft_start_ticks = soft_start_ticks;
         rig.tick();
         rig.supervisor.enable(&mut rig.prepared).unwrap();
         rig.tick();
@@ -115,6 +127,159 @@ impl Rig {
 }
 
 #[test]
+fn brakes_hold_the_arm_until_its_torques_are_there() {
+    const TICKS: u32 = 10;
+    let mut rig = Rig::enabled_within(TICKS);
+    let mut before = [0.0; 2];
+    for tick in 1..=TICKS {
+        let torque = rig.torque().unwrap();
+        for joint in 0..2 {
+            let step = f64::from((torque[joint] - before[joint]).abs());
+            let most = TORQUE[joint].abs() / f64::from(TICKS);
+            assert!((step - most).abs() < 1e-5, "{tick}: {torque:?}");
+        }
+        before = torque;
+        assert_eq!(rig.board.brakes_released, tick == TICKS);
+        // The table waits.
+        assert_eq!(rig.supervisor.status().tick, 0);
+        rig.tick();
+    }
+    assert!(rig.torque().is_some_and(planned));
+    assert_eq!(rig.supervisor.status().tick, 1);
+    rig.supervisor.disable();
+    rig.tick();
+    assert_eq!((rig.torque(), rig.board.brakes_released), (None, false));
+}
+
+#[test]
+fn without_a_soft_start_the_first_tick_opens_the_brakes_with_the_whole_torque() {
+    for ticks in [0, 1] {
+        let rig = Rig::enabled_within(ticks);
+        assert!(rig.board.brakes_released && rig.torque().is_some_and(planned));
+    }
+}
+
+#[test]
+fn a_fault_while_torques_are_raised_leaves_the_brakes_closed() {
+    let hybrid = HybridParameters::PAPER_ARM_HUB.into();
+    for law in [LawParameters::FEEDFORWARD, hybrid] {
+        for fails_at in 0..4 {
+            let mut rig = Rig::new();
+            rig.prepared.put(controller_with(&law), silent());
+            rig.supervisor.limits.soft_start_ticks = 5;
+            rig.tick();
+            rig.supervisor.enable(&mut rig.prepared).unwrap();
+            for _ in 0..fails_at {
+                rig.tick();
+                assert!(rig.torque().is_some() && !rig.board.brakes_released);
+            }
+            // Which with the hybrid law is a retract once the arm moves.
+            rig.board.sample.strain = 0;
+            rig.tick();
+            assert_eq!((rig.torque(), rig.board.brakes_released), (None, false));
+            let status = rig.supervisor.status();
+            assert_eq!(status.fault, Some(Fault::SensorRange));
+            assert_eq!(status.mode, Mode::Disabled);
+        }
+    }
+}
+
+#[test]
+fn brakes_are_closed_whenever_the_drives_are_off() {
+    let mut rig = Rig::enabled_within(3);
+    // Any order of what a host and the inputs may do.
+    let mut x = 1_u32;
+    for _ in 0..3000 {
+        x = x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        match x >> 28 {
+            0 => rig.supervisor.disable(),
+            1 => rig.board.interlocks.estop_released = false,
+            2 => {
+                rig.board.interlocks.estop_released = true;
+                rig.supervisor.acknowledge();
+            }
+            3 | 4 => {
+                rig.prepared.put(controller(), silent());
+                let _ = rig.supervisor.enable(&mut rig.prepared);
+            }
+            5 => {
+                rig.prepared.put(controller(), silent());
+                let _ = rig.supervisor.start_lock_step(&mut rig.prepared);
+            }
+            _ => {}
+        }
+        rig.supervisor.link_alive();
+        rig.tick();
+        assert!(rig.torque().is_some() || !rig.board.brakes_released);
+    }
+}
+
+#[test]
+fn an_operator_pauses_resumes_and_ends_a_run_that_can() {
+    let mut rig = Rig::new();
+    let hybrid = HybridParameters::PAPER_ARM_HUB.into();
+    rig.prepared.put(controller_with(&hybrid), silent());
+    let not_enabled = Err(Refusal::NotEnabled);
+    assert_eq!(rig.supervisor.pause(true), not_enabled);
+    assert_eq!(rig.supervisor.retract(), not_enabled);
+    rig.tick();
+    rig.supervisor.enable(&mut rig.prepared).unwrap();
+    let run = |rig: &Rig| rig.supervisor.status().run.unwrap();
+    for _ in 0..10 {
+        rig.supervisor.link_alive();
+        rig.tick();
+    }
+    let before = run(&rig);
+    assert_eq!((before.phase, before.ticks), (Phase::Free, 100));
+    assert!(before.motion && !before.paused);
+    // The table comes to a stop, and goes on.
+    let ticks = |rig: &mut Rig| {
+        for _ in 0..2000 {
+            rig.supervisor.link_alive();
+            rig.tick();
+        }
+        rig.supervisor.status().tick
+    };
+    rig.supervisor.pause(true).unwrap();
+    assert!(run(&rig).paused);
+    let stopped = ticks(&mut rig);
+    assert!(stopped < 100 && ticks(&mut rig) == stopped, "{stopped}");
+    rig.supervisor.pause(false).unwrap();
+    assert!(!run(&rig).paused);
+    for _ in 0..40 {
+        rig.supervisor.link_alive();
+        rig.tick();
+    }
+    assert!(rig.supervisor.status().tick > stopped);
+    assert_eq!(rig.supervisor.retract(), Ok(()));
+    assert_eq!(run(&rig).phase, Phase::Retract);
+    assert_eq!(rig.supervisor.pause(true), Err(Refusal::RunOver));
+    assert_eq!(
+        rig.supervisor.retract(),
+        Ok(()),
+        "once more changes nothing"
+    );
+    ticks(&mut rig);
+    assert_eq!(run(&rig).phase, Phase::Hold);
+    assert_eq!(rig.supervisor.pause(false), Err(Refusal::RunOver));
+    assert!(rig.torque().is_some(), "it stands with its drives on");
+    rig.supervisor.disable();
+    assert_eq!(rig.supervisor.retract(), not_enabled);
+    assert_eq!(rig.supervisor.status().run, None);
+}
+
+#[test]
+fn the_papers_law_can_neither_pause_nor_retract() {
+    let mut rig = Rig::enabled();
+    let run = rig.supervisor.status().run.unwrap();
+    assert_eq!((run.phase, run.motion), (Phase::Follow, false));
+    assert_eq!(rig.supervisor.pause(true), Err(Refusal::NoMotion));
+    assert_eq!(rig.supervisor.retract(), Err(Refusal::NoMotion));
+    rig.tick();
+    assert_eq!(rig.supervisor.status().tick, 1);
+}
+
+#[test]
 fn it_starts_disabled_with_drives_off() {
     let mut rig = Rig::new();
     rig.board.torque = Some([1.0; 2]);
@@ -124,6 +289,7 @@ fn it_starts_disabled_with_drives_off() {
         mode: Mode::Disabled,
         tick: 0,
         fault: None,
+        run: None,
         ticks_total: 1,
         ticks_hw_max: 7,
     };

@@ -9,6 +9,7 @@
 //! | PC0 | tip-force cell | 0 to 3.3 V |
 //! | PC1 | root strain gauge | 0 to 3.3 V |
 //! | PC6, PC7 | enable of drive 1, 2 | output, high enables; external pull-down |
+//! | PC11, PC12 | brake of joint 1, 2 | output, high opens; external pull-down |
 //! | PC8, PC9 | drive 1, 2 ok | input, high is ok; pull-down |
 //! | PC10 | emergency stop | input, high is released (normally closed contact); pull-down |
 //!
@@ -34,7 +35,7 @@ use flexor::supervisor::Board;
 use stm32f4xx_hal::dac::{C1, C2, DacOut, DacPin};
 use stm32f4xx_hal::gpio::outport::{OutPort, OutPort2};
 use stm32f4xx_hal::gpio::{
-    Analog, PA4, PA5, PC0, PC1, PC6, PC7, PC8, PC9, PC10, PinState, Pull, PushPull,
+    Analog, PA4, PA5, PC0, PC1, PC6, PC7, PC8, PC9, PC10, PC11, PC12, PinState, Pull, PushPull,
 };
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::prelude::*;
@@ -118,6 +119,7 @@ impl Peripherals {
             p.DAC,
             (gpioa.pa4, gpioa.pa5),
             (gpioc.pc6, gpioc.pc7),
+            (gpioc.pc11, gpioc.pc12),
             (gpioc.pc8, gpioc.pc9),
             gpioc.pc10,
             &mut rcc,
@@ -202,6 +204,13 @@ impl Board for TickBoard {
     #[inline]
     fn off(&mut self) {
         emergency_off();
+    }
+
+    // Once a run.
+    #[cold]
+    #[inline(never)]
+    fn release_brakes(&mut self) {
+        self.drives.brakes.all_high();
     }
 
     #[inline]
@@ -308,22 +317,27 @@ impl EncodersAndAdc {
 /// Pins of port C that enable drive 1 and 2.
 const ENABLES: [u8; 2] = [6, 7];
 
+/// Pins of port C that open the brakes of joint 1 and 2.
+const BRAKES: [u8; 2] = [11, 12];
+
 /// Two current-controlled drives: torque commands from the converter's channels, enable
-/// lines, and the inputs beside them.
+/// lines, the brakes behind them, and the inputs beside them.
 struct AnalogDrives {
     enables: OutPort2<'C', { ENABLES[0] }, { ENABLES[1] }>,
+    brakes: OutPort2<'C', { BRAKES[0] }, { BRAKES[1] }>,
     torques: (C1, C2),
     drives_ok: (PC8, PC9),
     estop_released: PC10,
 }
 
 impl AnalogDrives {
-    /// Drives off before the lines become outputs and the torque outputs leave their high
-    /// impedance.
+    /// Drives off and brakes closed before the lines become outputs and the torque outputs leave
+    /// their high impedance.
     fn new(
         dac: pac::DAC,
         outputs: (PA4, PA5),
         enables: (PC6, PC7),
+        brakes: (PC11, PC12),
         drives_ok: (PC8, PC9),
         estop_released: PC10,
         rcc: &mut Rcc,
@@ -337,6 +351,11 @@ impl AnalogDrives {
             enables: (
                 enables.0.into_push_pull_output_in_state(PinState::Low),
                 enables.1.into_push_pull_output_in_state(PinState::Low),
+            )
+                .outport(),
+            brakes: (
+                brakes.0.into_push_pull_output_in_state(PinState::Low),
+                brakes.1.into_push_pull_output_in_state(PinState::Low),
             )
                 .outport(),
             torques,
@@ -363,7 +382,7 @@ impl AnalogDrives {
     }
 }
 
-/// Drives off: disabled, then commanded no torque. The one way off, for the tick and for the
+/// Drives off: disabled and brakes closed, then commanded no torque. The one way off, for the tick and for the
 /// panic and fault handlers, whoever owns the port.
 #[inline]
 pub fn emergency_off() {
@@ -371,7 +390,10 @@ pub fn emergency_off() {
     unsafe {
         (*pac::GPIOC::ptr())
             .bsrr()
-            .write(|w| w.br(ENABLES[0]).set_bit().br(ENABLES[1]).set_bit());
+            .write(|w| {
+                w.br(ENABLES[0]).set_bit().br(ENABLES[1]).set_bit();
+                w.br(BRAKES[0]).set_bit().br(BRAKES[1]).set_bit()
+            });
     }
     C1.set_value(DAC_ZERO);
     C2.set_value(DAC_ZERO);

@@ -7,20 +7,25 @@ use crate::cli::{BoardError, CliError, print, say};
 use crate::files::export;
 use crate::target::{Target, TargetError};
 use flexor::fault::Fault;
-use flexor::link::Mode;
+use flexor::link::{Mode, Status};
 use flexor::table::{Slot, TableIdentity};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Between two requests to an enabled arm: 50 a second, where it stops after 100 ms without.
 const KEEP_ALIVE: Duration = Duration::from_millis(20);
+
+/// Longest wait for an arm that was asked to retract: the examples' gains take 2 s.
+const RETRACT_MAX: Duration = Duration::from_secs(10);
 
 /// How an enabled run ended.
 enum End {
     Completed,
     Interrupted,
+    /// By another's request.
+    Retracted,
     Fault(Fault),
     Disabled,
 }
@@ -67,6 +72,11 @@ pub(super) fn enable(
             None,
             Err(BoardError::Interrupted { tick, ticks }),
         ),
+        End::Retracted => (
+            "retracted",
+            None,
+            Err(BoardError::Retracted { tick, ticks }),
+        ),
         End::Fault(fault) => (
             "fault",
             Some(fault),
@@ -112,20 +122,73 @@ fn attend(
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} ticks, {eta} left") {
         bar.set_style(style);
     }
-    let mut tick = 0;
+    let mut run = Attended {
+        ticks: table.ticks,
+        tick: 0,
+        stood: false,
+        retracted: None,
+    };
     loop {
         let status = board.status().map_err(failed)?;
-        tick = tick.max(status.tick);
-        bar.set_position(tick.into());
-        let end = match (status.fault, status.mode) {
-            (Some(fault), _) => Some(End::Fault(fault)),
-            (None, Mode::Enabled) if tick >= table.ticks => Some(End::Completed),
-            (None, Mode::Enabled) => stop.load(Ordering::Relaxed).then_some(End::Interrupted),
-            (None, _) => Some(End::Disabled),
-        };
+        let stop = stop.swap(false, Ordering::Relaxed);
+        let end = run.look(&status, stop);
+        bar.set_position(run.tick.into());
         if let Some(end) = end {
-            return Ok((slot, table, end, tick));
+            return Ok((slot, table, end, run.tick));
+        }
+        if stop {
+            bar.suspend(|| say("ending the run; once more to disable at once"));
+            match board.retract() {
+                // It has come to an end by itself meanwhile, which the next status says.
+                Ok(()) | Err(TargetError::Refused(_)) => run.retracted = Some(Instant::now()),
+                Err(error) => return Err(failed(error)),
+            }
         }
         std::thread::sleep(KEEP_ALIVE);
+    }
+}
+
+/// A run that is attended to.
+struct Attended {
+    /// Ticks of the table.
+    ticks: u32,
+    /// The last that was seen.
+    tick: u32,
+    /// The arm stood when it was looked at before.
+    stood: bool,
+    /// When it was asked to retract.
+    retracted: Option<Instant>,
+}
+
+impl Attended {
+    /// Looks at the status, and at whether the operator wants it to `stop`: how the run has ended,
+    /// if it has. With a law that has a motion it has when the arm stands, whatever it stands for;
+    /// to disable it before would drop it.
+    fn look(&mut self, status: &Status, stop: bool) -> Option<End> {
+        self.tick = self.tick.max(status.tick);
+        let completed = self.tick >= self.ticks;
+        let fault = status.fault.map(End::Fault);
+        if status.mode != Mode::Enabled {
+            return Some(fault.unwrap_or(End::Disabled));
+        }
+        let Some(run) = status.run.filter(|run| run.motion) else {
+            let completed = completed.then_some(End::Completed);
+            return fault.or(completed).or(stop.then_some(End::Interrupted));
+        };
+        let late = |since: Instant| stop || since.elapsed() > RETRACT_MAX;
+        if self.retracted.is_some_and(late) {
+            return Some(fault.unwrap_or(End::Interrupted));
+        }
+        // Before its first tick an arm stands, too; two looks are many ticks apart.
+        let stood = core::mem::replace(&mut self.stood, run.phase.stands());
+        if !(stood && self.stood) {
+            return None;
+        }
+        Some(match fault {
+            Some(fault) => fault,
+            None if self.retracted.is_some() => End::Interrupted,
+            None if completed => End::Completed,
+            None => End::Retracted,
+        })
     }
 }

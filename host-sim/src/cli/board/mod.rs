@@ -14,7 +14,7 @@ use crate::files::export;
 use crate::target::Target;
 use clap::{Args, Subcommand, ValueEnum};
 use flexor::fault::Fault;
-use flexor::link::Mode;
+use flexor::link::{Mode, RunStatus, Status};
 use flexor::table::Slot;
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use serde_json::{Map, Value, json};
@@ -52,7 +52,7 @@ enum Verb {
         follow: bool,
     },
     /// Enables the drives and runs a table; disables at its end, at a fault, on Ctrl-C and at
-    /// any error
+    /// any error. With the hybrid law the arm is first brought to stand
     #[command(
         after_help = "Example: flexor board enable --port /dev/ttyUSB0 --slot b\n\nTHE ARM MOVES. The board refuses while a fault is latched, the stop is pressed, a drive reports a fault, or the arm is away from the table's first row. Exit code 0 when the table was run to its end."
     )]
@@ -67,6 +67,16 @@ enum Verb {
         after_help = "Example: flexor board home --port /dev/ttyUSB0\n\nWanted before enabling, once after every start and after every pil. Nothing moves."
     )]
     Home,
+    /// Lets the table stand where it is, without leaving the surface; not with the paper's law
+    #[command(after_help = "Example: flexor board pause --port /dev/ttyUSB0")]
+    Pause,
+    /// Lets a table that stands go on
+    #[command(after_help = "Example: flexor board resume --port /dev/ttyUSB0")]
+    Resume,
+    /// Ends the run: the table stops, the force is taken away, the tip lifted off, and the arm
+    /// stands with its drives on until it is disabled; not with the paper's law
+    #[command(after_help = "Example: flexor board retract --port /dev/ttyUSB0")]
+    Retract,
     /// Drives off
     #[command(after_help = "Example: flexor board disable --port /dev/ttyUSB0")]
     Disable,
@@ -143,6 +153,15 @@ pub(super) fn board(args: &BoardArgs) -> Result<(), CliError> {
             board.home().map_err(failed)?;
             standing(board, args.json)
         }
+        Verb::Pause | Verb::Resume => {
+            let paused = matches!(args.verb, Verb::Pause);
+            board.pause(paused).map_err(failed)?;
+            standing(board, args.json)
+        }
+        Verb::Retract => {
+            board.retract().map_err(failed)?;
+            standing(board, args.json)
+        }
         Verb::Acknowledge => {
             board.acknowledge().map_err(failed)?;
             standing(board, args.json)
@@ -190,6 +209,23 @@ fn fault_json(fault: Option<Fault>) -> [(&'static str, Value); 2] {
     ]
 }
 
+/// Where an enabled arm's run is, as JSON; null where there is none.
+fn run_json(run: Option<RunStatus>) -> [(&'static str, Value); 3] {
+    [
+        ("phase", json!(run.map(|run| run.phase.name()))),
+        ("ticks", json!(run.map(|run| run.ticks))),
+        ("paused", json!(run.map(|run| run.paused))),
+    ]
+}
+
+/// The same in words.
+fn run_words(status: &Status) -> String {
+    status.run.map_or("none".into(), |run| {
+        let (phase, paused) = (run.phase, if run.paused { ", paused" } else { "" });
+        format!("{phase}{paused}, tick {} of {}", status.tick, run.ticks)
+    })
+}
+
 fn status(board: &mut Target, json: bool) -> Result<(), CliError> {
     let status = board.status().map_err(failed)?;
     let errors = status.frame_errors;
@@ -202,6 +238,7 @@ fn status(board: &mut Target, json: bool) -> Result<(), CliError> {
     };
     let mut keys = export::object([("mode", json!(mode(status.mode)))]);
     keys.extend(export::object(fault_json(status.fault)));
+    keys.extend(export::object(run_json(status.run)));
     keys.extend(export::object([
         ("tick", json!(status.tick)),
         ("ticks_total", json!(status.ticks_total)),
@@ -219,6 +256,7 @@ fn status(board: &mut Target, json: bool) -> Result<(), CliError> {
     let facts = vec![
         ("mode", mode(status.mode).to_owned()),
         ("fault", fault_words(status.fault)),
+        ("run", run_words(&status)),
         ("tick of the table", status.tick.to_string()),
         ("ticks since start", status.ticks_total.to_string()),
         ("longest tick", longest),
@@ -241,9 +279,11 @@ fn standing(board: &mut Target, json: bool) -> Result<(), CliError> {
     let status = board.status().map_err(failed)?;
     let mut keys = export::object([("mode", json!(mode(status.mode)))]);
     keys.extend(export::object(fault_json(status.fault)));
+    keys.extend(export::object(run_json(status.run)));
     let facts = vec![
         ("mode", mode(status.mode).to_owned()),
         ("fault", fault_words(status.fault)),
+        ("run", run_words(&status)),
     ];
     show(json, keys, facts)
 }

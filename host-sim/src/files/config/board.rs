@@ -84,6 +84,7 @@ struct EnablingFile {
     slope_rad: f64,
     #[serde(deserialize_with = "pair")]
     motor_rad: [f64; 2],
+    soft_start_s: f64,
 }
 
 #[derive(Deserialize)]
@@ -128,6 +129,7 @@ pub fn parse_board(file: &str, text: &str) -> Result<BoardConfig, ConfigError> {
         start_angle_rad: check.pair("enabling.angle_rad", read.enabling.angle_rad)?,
         start_slope_rad: check.value("enabling.slope_rad", read.enabling.slope_rad)?,
         start_motor_rad: check.pair("enabling.motor_rad", read.enabling.motor_rad)?,
+        soft_start_s: check.value("enabling.soft_start_s", read.enabling.soft_start_s)?,
         link_timeout_s: check.value("link.timeout_s", read.link.timeout_s)?,
     };
     check_rails(file, &parameters)?;

@@ -242,6 +242,7 @@ pub(super) const RANGES: &[Range] = &[
     from("enabling.angle_rad", 0.0, 3.2, "two angles in rad"),
     from("enabling.slope_rad", 0.0, 3.2, "a slope in rad"),
     from("enabling.motor_rad", 0.0, 3.2, "two angles in rad"),
+    from("enabling.soft_start_s", 0.0, 2.0, "a time in s"),
     from("link.timeout_s", 0.01, 10.0, "a time in s"),
 ];
 

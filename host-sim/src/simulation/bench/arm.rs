@@ -35,7 +35,11 @@ impl From<&BoardParameters> for BenchBoard {
             calibration: board.calibration(),
             drives: board.drives(),
             drive_limit_nm: board.drive_limit_nm(),
-            safety: board.safety(),
+            // The bench begins where the brakes open: its drives give what holds the arm.
+            safety: SafetyLimits {
+                soft_start_ticks: 0,
+                ..board.safety()
+            },
         }
     }
 }

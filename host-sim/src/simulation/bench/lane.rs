@@ -186,9 +186,10 @@ impl<'a> Lane<'a> {
             if !self.injection.has(FaultKind::LinkLost) {
                 self.supervisor.link_alive();
             }
-            self.supervisor.pause(self.injection.has(FaultKind::Pause));
+            // Asked at every tick; where there is nothing to pause or to end it is refused.
+            let _ = self.supervisor.pause(self.injection.has(FaultKind::Pause));
             if self.injection.has(FaultKind::Retract) {
-                self.supervisor.retract();
+                let _ = self.supervisor.retract();
             }
             self.supervisor.tick(&mut self.board);
         }
