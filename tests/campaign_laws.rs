@@ -15,6 +15,9 @@ fn the_hybrid_law_fails_on_no_arm_of_the_bench() {
         let result = json(&campaign(&place, &arguments));
         assert_eq!(result["failed"], 0, "{more:?}");
         assert_eq!(result["contact_lost_s"]["max"], 0.0, "{more:?}");
+        // On gains that were proved, as the summary says.
+        assert_eq!(result["gains_stable"], true, "{more:?}");
+        assert!(result["gains"]["torque_loop_per_s"].as_f64().unwrap() > 0.0);
         let value = |key: &str| result[key]["p95"].as_f64().unwrap();
         assert!(value("along_error_max_m") < 0.01, "{more:?}");
         value("force_error_rms_N")
