@@ -1,5 +1,6 @@
 //! The command line as a user meets it: results, errors and exit codes.
 
+mod cli_arms;
 mod cli_gains;
 mod cli_moves;
 mod cli_tables;

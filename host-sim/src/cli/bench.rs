@@ -237,7 +237,7 @@ fn board_for(common: &Common, plan: &Plan) -> Result<(BenchBoard, Option<String>
         board.fitted(plan.peaks.torque, plan.task.normal_force.largest(), slope);
     let note = enlarged.then(|| {
         format!(
-            "the default board's ranges are too small for this arm; the bench takes drives of {} and {} N m, a force cell of {} N, a gauge of {} rad; --board FILE says what there is",
+            "the default board's ranges do not fit this arm; the bench takes drives of {} and {} N m, a force cell of {} N, a gauge of {} rad; --board FILE says what there is",
             board.drive_full_scale_nm[0],
             board.drive_full_scale_nm[1],
             board.force_range_n[1],

@@ -40,6 +40,17 @@ pub fn planned_speed(plan: &Plan) -> [f64; 2] {
     })
 }
 
+/// Largest planned moment that the inertia at link 2's root takes of joint 2's torque, N m: what a
+/// gauge behind it does not see.
+fn hub_moment(plan: &Plan) -> f64 {
+    let rate_hz = f64::from(plan.tick_rate_hz);
+    let of_ticks = plan.points.windows(2).map(|pair| {
+        let bending = (pair[1].root_slope_rate - pair[0].root_slope_rate) * rate_hz;
+        (pair[0].joint.acceleration[1] + bending).abs()
+    });
+    plan.model.arm.root_inertia_kgm2 * of_ticks.fold(0.0, f64::max)
+}
+
 /// Thresholds for arms that differ from the plan as a careful, but uncalibrated set-up does: beyond
 /// what 500 of those show, and beyond what is planned. Without a gauge in the law (no torque loop)
 /// nothing is asked of one, and without feedback, or a force in the plan, nothing of the force cell
@@ -49,8 +60,10 @@ pub fn default_monitors(plan: &Plan, law: &LawParameters) -> MonitorParameters {
     let root_slope = slopes.fold(0.0, f64::max);
     let force = plan.task.normal_force.largest();
     let of_force = plan.model.arm.link2_length_m * force;
-    let moment =
-        |[force, torque]: [f64; 2]| LEAST_NM.max(force * of_force + torque * plan.peaks.torque[1]);
+    let hub = hub_moment(plan);
+    let moment = |[force, torque]: [f64; 2]| {
+        LEAST_NM.max(force * of_force + torque * plan.peaks.torque[1]) + hub
+    };
     let (gauge, cell) = match law {
         LawParameters::Hybrid(hybrid) => (hybrid.torque_loop_per_s > 0.0, true),
         LawParameters::Paper(paper) => (paper.has_feedback(), paper.has_feedback()),

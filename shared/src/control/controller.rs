@@ -352,7 +352,6 @@ impl<'a, T: TableScalar> Controller<'a, T> {
         };
         *state = HybridState {
             without_gauge: last.without_gauge,
-            rate_error: last.rate_error,
             torque_correction: last.torque_correction,
             ..HybridState::default()
         };

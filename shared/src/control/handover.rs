@@ -1,7 +1,8 @@
 //! From one table to the next without a step in the torques.
 //!
 //! The new plan's torques, and what the law makes of where the arm stands, are not what was given last.
-//! The difference is added to the new plan's torques and fades: the first torque is the last one.
+//! The difference is added to the new plan's torques and fades: the first torque is the last one, but for a
+//! tick of the law's integrals.
 
 use crate::control::filter::low_pass;
 use crate::control::hybrid::{HybridLaw, HybridState};
@@ -30,7 +31,9 @@ impl<T: Scalar> Handover<T> {
         matches!(self, Self::None)
     }
 
-    /// Adds what is left to the setpoint's torques. `memory` is as the law's update will find it.
+    /// Adds what is left to the setpoint's torques, and lets it fade. `memory` is as the law's update will find it.
+    #[cold]
+    #[inline(never)]
     pub(super) fn tick(
         &mut self,
         law: &HybridLaw<T>,
@@ -41,11 +44,10 @@ impl<T: Scalar> Handover<T> {
         let (left, ticks) = match self {
             Self::None => return,
             Self::From(before) => {
-                let mut tried = *memory;
-                let demand = law.update(&mut tried, setpoint, measured, saturations);
+                let now = law.at_rest(memory, (setpoint, measured), saturations);
                 let left = [0, 1].map(|j| {
                     let count = &mut saturations.torque[j];
-                    before[j].minus(demand.torque[j], count).sum()
+                    before[j].minus(now[j], count).sum()
                 });
                 (left, law.motion.fade_ticks)
             }

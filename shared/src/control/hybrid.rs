@@ -244,7 +244,7 @@ impl<T: SiScalar> HybridLaw<T> {
             torque: formats
                 .torque
                 .map(|torque| T::shift(formats.moment_arm, formats.force, torque)),
-            motion: MotionCoefficients::new(&p.motion, tick_rate_hz, formats),
+            motion: MotionCoefficients::new(&p.motion, (arm, tick_rate_hz), fine, formats),
         }
     }
 }
@@ -313,6 +313,35 @@ impl<T: Scalar> HybridLaw<T> {
         [m1.angle_minus(planned1), m2.angle_minus(planned2)]
     }
 
+    /// Torques of an arm that stands, N m: what the next `update` gives but for the rates, which are
+    /// none, and a tick of the integrals.
+    pub(super) fn at_rest(
+        &self,
+        state: &HybridState<T>,
+        (setpoint, measured): (&PoseSetpoint<T>, &Measurement<T>),
+        saturations: &mut SaturationCounts<T::SaturationCount>,
+    ) -> [T; 2] {
+        let joint2 = if state.free {
+            &self.free
+        } else {
+            &self.contact
+        };
+        let [error1, error2] = Self::angle_error(setpoint, measured);
+        let force = T::of_sum(state.force_integral);
+        let [count1, count2] = &mut saturations.torque;
+        let place = error1.plus(T::of_sum(state.place_integral), &mut saturations.motor);
+        let tau1 = setpoint.torque[0].minus(place.scaled(self.stiffness, count1), count1);
+        let tau2 = setpoint.torque[1]
+            .plus(
+                setpoint.moment_arm.times(force, self.torque[1], count2),
+                count2,
+            )
+            .minus(error2.scaled(joint2.stiffness, count2), count2)
+            .plus(T::of_sum(state.section[0]), count2)
+            .plus(T::of_sum(state.torque_correction), count2);
+        [tau1, tau2]
+    }
+
     /// What makes a sine a moment arm of link 2's end.
     pub(super) fn link2_length(&self) -> T::Gain {
         self.link_length[1]
@@ -332,6 +361,12 @@ impl<T: Scalar> HybridLaw<T> {
             .scaled(self.link_length[0], count);
         let moment_arm = of_link1.plus(setpoint.moment_arm, count);
         moment_arm.times(force, self.torque[0], count)
+    }
+
+    /// Joint 2's torque of a force (N) along the normal, N m.
+    pub(super) fn force_on_joint2(&self, setpoint: &PoseSetpoint<T>, force: T) -> T {
+        let count = &mut T::SaturationCount::default();
+        setpoint.moment_arm.times(force, self.torque[1], count)
     }
 
     /// Goes over to joint 2's gains of the air, or to those of contact, without a step in the

@@ -12,6 +12,8 @@
 //! | `motion_forces` | the forces by which it tells contact from none |
 //! | `handover` | from one table to the next without a step |
 //! | `motion_parameters` | its thresholds, speeds and times |
+//! | `progress` | how far the table goes on in a tick |
+//! | `slowed` | joint 1's torque where the table goes slower than planned |
 //! | `filter` | the low-pass of both |
 //! | `limiter` | torque limits and the finite check behind everything |
 //! | `controller` | the one `tick` that joins cursor, law and limiter |
@@ -33,6 +35,10 @@ mod motion_parameters;
 #[cfg(test)]
 mod motion_tests;
 mod paper;
+mod progress;
+mod slowed;
+#[cfg(test)]
+mod slowed_tests;
 
 pub use controller::{Coefficients, Command, Controller, Mismatch};
 pub use feedback::Coefficient;

@@ -53,7 +53,8 @@ use crate::control::filter::low_pass;
 use crate::control::handover::Handover;
 use crate::control::hybrid::{HybridLaw, HybridState};
 use crate::control::motion_forces::{Forces, towards};
-use crate::control::motion_parameters::{FULL, LIFT_MOST, LOSSES, PRESSING_STEPS};
+use crate::control::motion_parameters::{LIFT_MOST, LOSSES, PRESSING_STEPS};
+use crate::control::progress::Progress;
 use crate::fault::{Fault, Reaction};
 use crate::number::{Scalar, TableScalar};
 use crate::phase::Phase;
@@ -112,9 +113,8 @@ pub(super) struct Motion<T: Scalar> {
     begun: bool,
     /// In a follow that needs no care: at full speed, in contact at the tick before.
     plain: bool,
-    /// Table's speed in 2^-16 ticks a tick, and the part of a tick gone beyond the cursor's.
-    rate: u32,
-    part: u32,
+    /// How fast the table goes on.
+    progress: Progress,
     /// The table is to stand still, by the operator's wish.
     paused: bool,
     forces: Forces<T>,
@@ -142,8 +142,7 @@ impl<T: TableScalar> Motion<T> {
             presses,
             begun: false,
             plain: false,
-            rate: 0,
-            part: 0,
+            progress: Progress::REST,
             paused: false,
             forces: Forces::default(),
             offset: T::ZERO,
@@ -266,7 +265,10 @@ impl<T: TableScalar> Motion<T> {
         (measured, cursor): (&Measurement<T>, &Cursor<'_, T>),
         saturations: &mut SaturationCounts<T::SaturationCount>,
     ) -> (PoseSetpoint<T>, bool) {
-        let mut setpoint = self.counted(cursor.pose(self.part));
+        let mut setpoint = self.counted(cursor.pose(self.progress.part));
+        if self.begun && !self.progress.is_full() {
+            self.slow(law, cursor, &mut setpoint, saturations);
+        }
         let reading = &mut Reading {
             setpoint: &mut setpoint,
             measured,
@@ -293,12 +295,8 @@ impl<T: TableScalar> Motion<T> {
         }
         self.choose_gains(law, memory, reading, saturations);
         self.want(law, reading, planned, saturations);
-        self.handover.tick(
-            law,
-            memory,
-            (&mut *reading.setpoint, reading.measured),
-            saturations,
-        );
+        let counted = (&mut *reading.setpoint, reading.measured);
+        self.handover.tick(law, memory, counted, saturations);
         let goes_on = self.go_on(law, reading);
         (setpoint, goes_on)
     }
@@ -336,7 +334,7 @@ impl<T: TableScalar> Motion<T> {
             let [_, error] = HybridLaw::angle_error(reading.setpoint, reading.measured);
             self.turn(reading, error);
             self.begun = true;
-            self.rate = FULL;
+            self.progress.begin();
             self.state = State::Free;
         } else if force > self.forces.on {
             self.reference = planned;
@@ -350,6 +348,24 @@ impl<T: TableScalar> Motion<T> {
             self.turn(reading, error);
             self.state = self.approaching(law, reading);
         }
+    }
+
+    /// Joint 1's torque of a table that does not go on at full speed.
+    fn slow(
+        &self,
+        law: &HybridLaw<T>,
+        cursor: &Cursor<'_, T>,
+        setpoint: &mut PoseSetpoint<T>,
+        saturations: &mut SaturationCounts<T::SaturationCount>,
+    ) {
+        let Progress {
+            rate, part, change, ..
+        } = self.progress;
+        let links = cursor.links(part);
+        let force = (links.normal, setpoint.force);
+        let pressed = law.force_on_joint1(setpoint, force, &mut saturations.torque[0]);
+        let slowed = &law.motion.slowed;
+        slowed.apply((rate, change), &links, (setpoint, pressed), saturations);
     }
 
     /// Counts joint 2's angle from `error` (rad) farther on.
@@ -491,7 +507,7 @@ impl<T: TableScalar> Motion<T> {
             || off.is_within(planned.scaled(law.motion.judged_share, count))
         {
             self.begun = true;
-            self.rate = FULL;
+            self.progress.begin();
             self.state = State::Follow { below: *below };
         } else if *patience_left > 0 {
             *patience_left -= 1;
@@ -568,7 +584,7 @@ impl<T: TableScalar> Motion<T> {
         }
         let unloaded = self.unload(memory, reading);
         let free_at = self.forces.off;
-        let rests = self.rate == 0;
+        let rests = self.progress.rate == 0;
         let lift = self.turn_of(law, reading, law.motion.lift_turn.negative());
         let State::Retract { turn, lifted } = &mut self.state else {
             return;
@@ -628,8 +644,7 @@ impl<T: TableScalar> Motion<T> {
         saturations: &mut SaturationCounts<T::SaturationCount>,
     ) {
         self.plain = matches!(self.state, State::Follow { below: 0 })
-            && self.rate == FULL
-            && self.part == 0
+            && self.progress.is_plain()
             && !self.paused
             && self.handover.is_over();
         if let State::Follow { .. } | State::Free = self.state {
@@ -644,7 +659,7 @@ impl<T: TableScalar> Motion<T> {
         );
         let missing = planned.minus(share, count);
         let count = &mut saturations.torque[0];
-        let normal = reading.cursor.normal_angle(self.part);
+        let normal = reading.cursor.normal_angle(self.progress.part);
         let without = law.force_on_joint1(reading.setpoint, (normal, missing), count);
         let torque = &mut reading.setpoint.torque[0];
         *torque = torque.minus(without, count);
@@ -659,25 +674,18 @@ impl<T: TableScalar> Motion<T> {
                 self.state,
                 State::Retract { .. } | State::Hold | State::Park
             );
-        if runs {
-            // A part that is left at full speed is caught up a sixteenth of a tick at a time.
-            let step = law.motion.stop_step;
-            self.rate = (self.rate + step).min(FULL);
-            let gap = (FULL - self.part) % FULL;
-            self.part += self.rate;
-            if self.rate == FULL {
-                self.part += gap.min(FULL / 16);
+        let Progress { part, .. } = self.progress;
+        let presses = self.presses;
+        let goes = self.progress.tick(runs, law.motion.stop_ticks, || {
+            if !presses {
+                return 0;
             }
-        } else {
-            self.rate = self.rate.saturating_sub(law.motion.stop_step);
-            self.part += self.rate;
-        }
-        let goes = self.part >= FULL;
-        if goes {
-            self.part -= FULL;
-        }
+            let pressed = law.force_on_joint2(reading.setpoint, reading.setpoint.force);
+            let links = reading.cursor.links(part);
+            law.motion.slowed.longer(&links, pressed)
+        });
         if reading.cursor.at_end() {
-            self.part = 0;
+            self.progress.part = 0;
         }
         goes
     }

@@ -2,6 +2,8 @@
 //! [motion](crate::control::motion), as a file gives them and as a tick counts with them.
 
 use crate::control::filter::filter_alpha;
+use crate::control::slowed::SlowedPlan;
+use crate::model::ArmParameters;
 use crate::number::{Scalar, SiScalar};
 use crate::signals::Formats;
 use serde::{Deserialize, Serialize};
@@ -118,9 +120,6 @@ pub(super) const LOSSES: u8 = 20;
 /// is lifted on.
 pub(super) const LIFT_MOST: u32 = 8;
 
-/// A table's speed of one tick a tick.
-pub(super) const FULL: u32 = 1 << 16;
-
 /// The motion's thresholds and steps in the tick's number type.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "")]
@@ -137,8 +136,8 @@ pub(super) struct MotionCoefficients<T: Scalar> {
     pub(super) lift_turn: T,
     /// What makes a moment arm (m) times an angle such a way.
     pub(super) turn: T::Shift,
-    /// What a stop takes from the table's rate in a tick.
-    pub(super) stop_step: u32,
+    /// Of a stop that throws no link.
+    pub(super) stop_ticks: u32,
     /// f_on and f_off, shares of the table's first force.
     pub(super) contact: [T::Gain; 2],
     /// Ticks until they are believed.
@@ -154,13 +153,16 @@ pub(super) struct MotionCoefficients<T: Scalar> {
     pub(super) fade_ticks: u32,
     /// Share of joint 2's error in the air by which a tick turns the angle that it is counted from.
     pub(super) creep: T::Alpha,
+    /// The plan's torques at less than full speed.
+    pub(super) slowed: SlowedPlan<T>,
 }
 
 impl<T: SiScalar> MotionCoefficients<T> {
     /// The coefficients at `tick_rate_hz`, for signals of the given formats.
     pub(super) fn new(
         parameters: &MotionParameters,
-        tick_rate_hz: u32,
+        (arm, tick_rate_hz): (&ArmParameters, u32),
+        fine: T::Shift,
         formats: &Formats<T::Format>,
     ) -> Self {
         let p = parameters.sent();
@@ -176,6 +178,7 @@ impl<T: SiScalar> MotionCoefficients<T> {
                 0
             }
         };
+        let stop_ticks = of_time(p.stop_s);
         Self {
             settle_ticks: of_time(p.settle_s),
             patience_ticks: of_time(PATIENCE_S),
@@ -187,7 +190,7 @@ impl<T: SiScalar> MotionCoefficients<T> {
             approach_turn: T::from_rad(p.approach_speed_m_s / rate),
             lift_turn: T::from_rad(p.lift_speed_m_s / rate),
             turn: T::shift(T::SINE, formats.moment_arm, T::SINE),
-            stop_step: FULL / of_time(p.stop_s).clamp(1, FULL),
+            stop_ticks,
             contact: [share(p.contact_on_share), share(p.contact_off_share)],
             believed: BELIEVED_S.map(|time_s| of_time(time_s).max(1)),
             force_step: share(p.force_ramp_per_s / rate),
@@ -198,6 +201,7 @@ impl<T: SiScalar> MotionCoefficients<T> {
             fade: alpha(1.0 / (core::f64::consts::TAU * FADE_S)),
             fade_ticks: of_time(FADE_TIMES * FADE_S).max(1),
             creep: T::alpha(CREEP_PER_S / rate),
+            slowed: SlowedPlan::new(arm, (tick_rate_hz, stop_ticks), fine, formats),
         }
     }
 }

@@ -180,16 +180,17 @@ impl BoardParameters {
         }
     }
 
-    /// This board with drives, force cell and gauge made large enough for an arm that is not its
-    /// own: each range doubled until one and a half times what is planned is within its usable
-    /// part. `torque_nm` are the largest magnitudes of the planned torques (N m), `force_n` the
+    /// This board with drives, force cell and gauge made to fit an arm that is not its own: each range
+    /// doubled until one and a half times what is planned is within its usable part, and the gauge's
+    /// halved while that is less than an eighth of it: a stiff link shows it little. `torque_nm` are the largest magnitudes of the planned torques (N m), `force_n` the
     /// largest force that the tip presses with (N), `slope_rad` the largest magnitude of the root
-    /// slope (rad). Also whether anything was enlarged.
+    /// slope (rad). Also whether anything was changed.
     ///
     /// For simulation: no wiring is changed by it.
     #[must_use]
     pub fn fitted(&self, torque_nm: [f64; 2], force_n: f64, slope_rad: f64) -> (Self, bool) {
         const RESERVE: f64 = 1.5;
+        const LEAST_USE: f64 = 8.0;
         let mut fitted = *self;
         for (full_scale, planned) in fitted.drive_full_scale_nm.iter_mut().zip(torque_nm) {
             while *full_scale * self.drive_usable_share < RESERVE * planned.abs()
@@ -201,6 +202,10 @@ impl BoardParameters {
         let slope = RESERVE * slope_rad.abs();
         fitted.force_range_n = self.widened(self.force_range_n, [0.0, RESERVE * force_n]);
         fitted.gauge_range_rad = self.widened(self.gauge_range_rad, [-slope, slope]);
+        let least = |range: [f64; 2]| range[0].abs().min(range[1].abs());
+        while slope > 0.0 && least(fitted.gauge_range_rad) > LEAST_USE * slope {
+            fitted.gauge_range_rad = fitted.gauge_range_rad.map(|end| 0.5 * end);
+        }
         (fitted, fitted != *self)
     }
 
@@ -301,6 +306,13 @@ mod tests {
         assert_eq!(larger.drive_full_scale_nm, [80.0, 16.0]);
         assert_eq!(larger.force_range_n, [-20.0, 60.0]);
         assert_eq!(larger.gauge_range_rad, [1.0, -1.0]);
+        // A stiff link of which the gauge would see little.
+        let (finer, changed) = BOARD.fitted([20.0, -2.0], 19.0, 0.02);
+        assert!(changed);
+        assert_eq!(
+            finer.gauge_range_rad,
+            BOARD.gauge_range_rad.map(|end| 0.25 * end)
+        );
         // What is no number, or beyond any, ends.
         assert!(!BOARD.fitted([f64::NAN; 2], f64::NAN, f64::NAN).1);
         let (largest, _) = BOARD.fitted([f64::INFINITY; 2], f64::INFINITY, f64::INFINITY);
@@ -323,6 +335,8 @@ mod tests {
                 let grown = fitted.drive_full_scale_nm[joint] != BOARD.drive_full_scale_nm[joint];
                 prop_assert!(!grown || limit < 3.0 * torque[joint]);
             }
+            let seen = fitted.gauge_range_rad.map(f64::abs);
+            prop_assert!(seen[0].min(seen[1]) <= 8.0 * 1.5 * slope);
             // Nothing but the ranges, which keep their zero.
             prop_assert_eq!(fitted.force_scale().zero_count, BOARD.force_scale().zero_count);
             prop_assert_eq!(fitted.slope_scale().zero_count, BOARD.slope_scale().zero_count);

@@ -41,6 +41,17 @@ struct PoseScale<T: TableScalar> {
     link2_length: T::Gain,
 }
 
+/// The links of a plan at one tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Links<T> {
+    /// theta10 and theta20, rad.
+    pub(crate) angle: [T; 2],
+    /// What they turn in a tick, rad.
+    pub(crate) turn: [T; 2],
+    /// Direction of the surface normal, rad.
+    pub(crate) normal: T,
+}
+
 /// What a law reads of the plan, in one segment.
 #[derive(Clone, Copy, Debug, Default)]
 struct Segment<T> {
@@ -288,12 +299,45 @@ impl<'a, T: TableScalar> Cursor<'a, T> {
         let Some(rows) = self.rows.first_chunk() else {
             return T::ZERO;
         };
-        let cubic = Cubic::of(
-            rows,
-            COLUMN.normal_angle,
-            self.column_scale[COLUMN.normal_angle],
-        );
-        self.value(&cubic, COLUMN.normal_angle, self.position(part))
+        let [normal] = self.values(rows, [COLUMN.normal_angle], self.position(part));
+        normal
+    }
+
+    /// Where the links are, and what they turn in a tick at full speed, where
+    /// [`pose`](Self::pose) is. Read anew from the table: few ticks want it.
+    #[cold]
+    pub(crate) fn links(&self, part: u32) -> Links<T> {
+        let Some(rows) = self.rows.first_chunk() else {
+            return Links::default();
+        };
+        let u = self.position(part);
+        let [theta10, theta20] = COLUMN.angle;
+        let columns = [theta10, theta20, COLUMN.normal_angle];
+        let [angle1, angle2, normal] = self.values(rows, columns, u);
+        let tick = T::fraction(self.piece.segments, self.phase_unit);
+        Links {
+            angle: [angle1, angle2],
+            turn: COLUMN.angle.map(|column| {
+                let scale = self.column_scale[column];
+                let points = Cubic::points(rows, column, scale);
+                let slope = Cubic::slope(points, u).times_in_range::<1>(tick);
+                T::from_spline(slope, scale)
+            }),
+            normal,
+        }
+    }
+
+    /// Columns at a position in the segment that begins with these rows.
+    fn values<const N: usize>(
+        &self,
+        rows: &[[u8; ROW_BYTES]; 4],
+        columns: [usize; N],
+        u: T,
+    ) -> [T; N] {
+        columns.map(|column| {
+            let cubic = Cubic::of(rows, column, self.column_scale[column]);
+            self.value(&cubic, column, u)
+        })
     }
 
     /// All of the plan's values at the current tick: what a tick of the controller reads
@@ -402,6 +446,22 @@ impl<T: Scalar> Cubic<T> {
             let bend = steps[1].minus_in_range(steps[0]);
             here.plus_in_range(bend.times_in_range::<1>(sixth))
         })
+    }
+
+    /// Growth a segment of the B-spline with these control points, at `u` in [0, 1]: the quadratic
+    /// B-spline of their differences, so that with points up to K no intermediate value exceeds 4 K.
+    fn slope([a, b, c, d]: [T; 4], u: T) -> T {
+        let steps = [
+            b.minus_in_range(a),
+            c.minus_in_range(b),
+            d.minus_in_range(c),
+        ];
+        let bend = steps[1].minus_in_range(steps[0]);
+        let next = steps[2].minus_in_range(steps[1]);
+        let more = next.half().minus_in_range(bend.half());
+        let begin = steps[0].plus_in_range(bend.half());
+        let grown = bend.plus_in_range(more.times_in_range::<1>(u));
+        begin.plus_in_range(grown.times_in_range::<1>(u))
     }
 
     /// Value at `u` in [0, 1].

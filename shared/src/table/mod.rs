@@ -17,6 +17,7 @@ mod slot;
 mod writer;
 
 pub use cursor::Cursor;
+pub(crate) use cursor::Links;
 pub use error::TableError;
 pub use format::{Header, Piece, Table};
 pub use layout::{HEADER_BYTES, MAGIC, PIECE_BYTES, PIECES_MAX, RAW_MAX, ROW_BYTES, VERSION};

@@ -160,8 +160,8 @@ pub(super) const RANGES: &[Range] = &[
     from("free.section_damping", 0.0, 1.0, "a damping ratio"),
     from(
         "free.section_angle_Nm_rad",
-        -1e6,
-        1e6,
+        -1e9,
+        1e9,
         "two gains in N m/rad",
     ),
     from("motion.settle_s", 0.0, 60.0, "a time in s"),
