@@ -142,11 +142,11 @@ fn the_shared_crate_imports_one_way() {
                 "control",
                 &["number", "signals", "fault", "phase", "model", "table"],
             ),
-            ("link", &["signals", "fault", "model", "table"]),
+            ("link", &["signals", "fault", "phase", "model", "table"]),
             (
                 "supervisor",
                 &[
-                    "number", "signals", "fault", "model", "table", "control", "link",
+                    "number", "signals", "fault", "phase", "model", "table", "control", "link",
                 ],
             ),
         ],

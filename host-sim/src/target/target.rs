@@ -165,6 +165,7 @@ impl Target {
     fn done(&mut self, request: &Request) -> Result<(), TargetError> {
         match self.ask(request, "consent")? {
             Reply::Done => Ok(()),
+            Reply::Refused(refusal) => Err(TargetError::Refused(refusal)),
             other => Err(unexpected("consent", &other)),
         }
     }

@@ -38,16 +38,13 @@
 //! in the state *free*, and held at their end, in the state *park*.
 //!
 //! **One table after the other.** An arm that stands, in *hold* or *park*, may go over to another
-//! table ([`Motion::go_on_from`]): the first torque is the one that was given last, and what the new
-//! plan makes of it otherwise fades in with a time constant of 0.1 s.
+//! table ([`Motion::go_on_from`]) without a step in a torque.
 //!
 //! **Bumpless.** No change of state is a step in a torque: what stiffness and section give is taken
 //! over by the force integral ([`HybridLaw::change`]), joint 2's angle is counted from where it
-//! stands (`offset`), and the share of the force in joint 1's torque follows the wanted force
-//! through a low-pass (`share`).
+//! stands (`offset`), and joint 1's share of the force follows it through a low-pass (`share`).
 //!
-//! **Progress.** The table goes on by `rate`, in units of 2^-16 ticks a tick; fractions of a tick
-//! are added up as integers and the setpoint is read between ticks. A stop takes `stop_s`.
+//! **Progress.** The table goes on by fractions of a tick ([`Progress`]). A stop takes `stop_s`.
 
 use crate::control::filter::low_pass;
 use crate::control::handover::Handover;

@@ -388,12 +388,10 @@ impl AnalogDrives {
 pub fn emergency_off() {
     // SAFETY: a single store, in which zeros leave their pins alone.
     unsafe {
-        (*pac::GPIOC::ptr())
-            .bsrr()
-            .write(|w| {
-                w.br(ENABLES[0]).set_bit().br(ENABLES[1]).set_bit();
-                w.br(BRAKES[0]).set_bit().br(BRAKES[1]).set_bit()
-            });
+        (*pac::GPIOC::ptr()).bsrr().write(|w| {
+            w.br(ENABLES[0]).set_bit().br(ENABLES[1]).set_bit();
+            w.br(BRAKES[0]).set_bit().br(BRAKES[1]).set_bit()
+        });
     }
     C1.set_value(DAC_ZERO);
     C2.set_value(DAC_ZERO);

@@ -65,25 +65,7 @@ pub(super) fn enable(
         }
     };
     let ticks = table.ticks;
-    let (outcome, fault, result) = match end {
-        End::Completed => ("completed", None, Ok(())),
-        End::Interrupted => (
-            "interrupted",
-            None,
-            Err(BoardError::Interrupted { tick, ticks }),
-        ),
-        End::Retracted => (
-            "retracted",
-            None,
-            Err(BoardError::Retracted { tick, ticks }),
-        ),
-        End::Fault(fault) => (
-            "fault",
-            Some(fault),
-            Err(BoardError::Fault { fault, tick, ticks }),
-        ),
-        End::Disabled => ("disabled", None, Err(BoardError::Disabled { tick, ticks })),
-    };
+    let (outcome, fault, result) = judged(end, tick, ticks);
     if json {
         let mut keys = export::object([("outcome", json!(outcome))]);
         keys.extend(export::object(fault_json(fault)));
@@ -102,6 +84,34 @@ pub(super) fn enable(
         print(format_args!("completed, disabled"))?;
     }
     result.map_err(failed)
+}
+
+/// What an end after so many of the table's ticks is called, the fault that it was for, and how the
+/// command ends.
+fn judged(
+    end: End,
+    tick: u32,
+    ticks: u32,
+) -> (&'static str, Option<Fault>, Result<(), BoardError>) {
+    match end {
+        End::Completed => ("completed", None, Ok(())),
+        End::Interrupted => (
+            "interrupted",
+            None,
+            Err(BoardError::Interrupted { tick, ticks }),
+        ),
+        End::Retracted => (
+            "retracted",
+            None,
+            Err(BoardError::Retracted { tick, ticks }),
+        ),
+        End::Fault(fault) => (
+            "fault",
+            Some(fault),
+            Err(BoardError::Fault { fault, tick, ticks }),
+        ),
+        End::Disabled => ("disabled", None, Err(BoardError::Disabled { tick, ticks })),
+    }
 }
 
 /// Keeps the link of an enabled arm alive until it is over: slot, table, how it ended, and the
