@@ -25,7 +25,7 @@ use std::time::Duration;
 
 mod fake_board;
 
-use fake_board::{Board, Fake, IDENTITY, TABLE, failed, frame, interrupt, text};
+use fake_board::{Board, Fake, IDENTITY, failed, interrupt, text};
 
 #[test]
 fn identity_status_and_sensors_are_told_in_words_and_json() {
