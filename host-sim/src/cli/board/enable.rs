@@ -21,6 +21,7 @@ const KEEP_ALIVE: Duration = Duration::from_millis(20);
 const RETRACT_MAX: Duration = Duration::from_secs(10);
 
 /// How an enabled run ended.
+#[derive(Clone, Copy, Debug)]
 enum End {
     Completed,
     Interrupted,
