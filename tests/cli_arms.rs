@@ -31,8 +31,6 @@ fn published_arms_are_stable_on_gains_of_their_own_elbow_down_and_up() {
                 &arm.display().to_string(),
                 "--task",
                 &file("_task").display().to_string(),
-                "--set",
-                "root_gauge.measures=\"moment\"",
                 "--out",
                 &out.display().to_string(),
                 "--json",

@@ -1,6 +1,7 @@
 //! What a campaign is: everything that its runs' results depend on, as the file beside them says.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 use std::fmt;
 use std::str::FromStr;
 
@@ -102,6 +103,10 @@ pub struct CampaignIdentity {
     pub shard: Shard,
     /// The files given, in the order of the options.
     pub inputs: Vec<CampaignInput>,
+    /// The hybrid law's gains and what they were proved to bear, as the summary says it; follows from
+    /// the inputs.
+    #[serde(default, skip_serializing_if = "Map::is_empty")]
+    pub gains: Map<String, Value>,
 }
 
 impl CampaignIdentity {
@@ -171,6 +176,7 @@ mod tests {
             runs: 200,
             shard: "2/8".parse().unwrap(),
             inputs: vec![input("scenario", "a = 1\n"), input("controller", "")],
+            gains: Map::new(),
         }
     }
 

@@ -184,6 +184,7 @@ mod tests {
                     file: "bench.toml".into(),
                     text: "x".into(),
                 }],
+                gains: serde_json::Map::new(),
             },
             records: CampaignRecords {
                 parameters: vec!["p".into()],

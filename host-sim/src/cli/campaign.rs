@@ -18,7 +18,7 @@ use crate::files::{config, export};
 use crate::simulation::bench::BenchRow;
 use crate::text::{Shortest, four_digits};
 use clap::{Args, Subcommand, ValueEnum};
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufWriter, Write};
@@ -112,13 +112,15 @@ impl CampaignArgs {
         self.common.inputs().into_iter().chain(own)
     }
 
-    fn identity(&self, bench: &Bench) -> CampaignIdentity {
+    /// What the campaign is, on gains that were proved with these results.
+    fn identity(&self, bench: &Bench, gains: Map<String, Value>) -> CampaignIdentity {
         CampaignIdentity {
             version: env!("CARGO_PKG_VERSION").into(),
             seed: self.seed,
             runs: self.runs,
             shard: self.shard,
             inputs: bench.inputs.clone(),
+            gains,
         }
     }
 }
@@ -164,8 +166,8 @@ fn runs(args: &CampaignArgs) -> Result<(), CliError> {
         args.controller.as_deref(),
         config::DEFAULT_CONTROLLER,
     )?;
-    args.proof.check(&bench)?;
-    let identity = args.identity(&bench);
+    let gains = args.proof.check(&bench)?;
+    let identity = args.identity(&bench, gains);
     let ticks = match args.write {
         WriteArg::Summary => None,
         WriteArg::All => Some(output.keep("runs")?),
@@ -396,6 +398,7 @@ impl Results<'_> {
             ("shard", json!(self.identity.shard.to_string())),
             ("version", json!(self.identity.version)),
         ]));
+        summary.extend(self.identity.gains.clone());
         output.write("runs.csv", |w| rows_csv(&self.records, w))?;
         output.write("runs.parquet", |w| rows_parquet(&self.records, w))?;
         let identity =

@@ -377,6 +377,7 @@ mod tests {
                 file: file.into(),
                 text: String::new(),
             }],
+            gains: serde_json::Map::new(),
         }
     }
 

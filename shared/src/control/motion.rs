@@ -667,10 +667,7 @@ impl<T: TableScalar> Motion<T> {
     fn go_on(&mut self, law: &HybridLaw<T>, reading: &Reading<'_, '_, T>) -> bool {
         let runs = self.begun
             && !self.paused
-            && !matches!(
-                self.state,
-                State::Retract { .. } | State::Hold | State::Park
-            );
+            && !matches!(self.phase(), Phase::Retract | Phase::Hold | Phase::Park);
         let Progress { part, .. } = self.progress;
         let presses = self.presses;
         let goes = self.progress.tick(runs, law.motion.stop_ticks, || {

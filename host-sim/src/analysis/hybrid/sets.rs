@@ -105,22 +105,22 @@ pub fn digits(value: f64) -> f64 {
 
 /// The paper's arm's gains for any hub: `examples/controller.toml`.
 pub const PAPER_ARM_ANY_HUB: HybridParameters = HybridParameters {
-    joint_stiffness_nm_rad: [800.0, 1.703],
-    joint_damping_nms_rad: [60.0, 0.0035],
-    rate_filter_hz: [30.0, 80.0],
-    force_integral_per_s: 7.005,
-    torque_loop_per_s: 5.565,
-    section_frequency_rad_s: 23.34,
+    joint_stiffness_nm_rad: [800.0, 1.92],
+    joint_damping_nms_rad: [60.0, 0.00334],
+    rate_filter_hz: [30.0, 77.6],
+    force_integral_per_s: 6.67,
+    torque_loop_per_s: 6.44,
+    section_frequency_rad_s: 24.3,
     section_damping: 0.708,
-    section_angle_nm_rad: [1.823, 0.7978],
-    section_force: [0.1719, 0.1304],
+    section_angle_nm_rad: [1.99, 0.747],
+    section_force: [0.193, 0.165],
     free: FreeParameters {
-        stiffness_nm_rad: 1.677,
+        stiffness_nm_rad: 2.0,
         damping_nms_rad: 4.93e-5,
         torque_loop_per_s: 0.5555,
-        section_frequency_rad_s: 1.55,
+        section_frequency_rad_s: 2.0,
         section_damping: 0.9793,
-        section_angle_nm_rad: [1.111, -6.533],
+        section_angle_nm_rad: [1.111, -6.0],
     },
     // One of 500 bare arms finds the surface again only after 0.2 s at 0.4 s.
     motion: MotionParameters {
