@@ -16,6 +16,7 @@
 //! Glossary: a format's *exponent* E says that 1 stands for 2^E in the signal's unit; a
 //! *unit* is the last bit, 2^(E - 31); *up* is the left shift after a product.
 
+use crate::number::bits::Bits;
 use crate::number::scalar::{Constant, Scalar, SiScalar, TableScalar};
 use crate::number::sine;
 use fixed::types::I1F31;
@@ -66,7 +67,7 @@ impl Exponent {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ShiftedGain {
     mantissa: i32,
-    up: u8,
+    up: Bits,
 }
 
 impl ShiftedGain {
@@ -80,7 +81,7 @@ impl ShiftedGain {
         }
         Self {
             mantissa: libm::rint(scaled) as i32,
-            up,
+            up: Bits::at_most(up),
         }
     }
 
@@ -90,7 +91,7 @@ impl ShiftedGain {
 
     /// The left shift: a product is exact to 2^`up` units of the result.
     pub fn up(self) -> u8 {
-        self.up
+        self.up.into()
     }
 }
 
@@ -99,9 +100,9 @@ impl ShiftedGain {
 pub struct ColumnScale {
     /// Right shift of the integers, at least 2: a spline's coefficients are up to 4.4
     /// times as large as its control points, and those up to 2^30.
-    down: u8,
+    down: Bits,
     /// Left shift of the values.
-    up: u8,
+    up: Bits,
     /// True for angles: the integers are divided by pi besides.
     angle: bool,
 }
@@ -166,8 +167,8 @@ fn count_saturation(count: &mut u32) {
 
 /// `x` times 2^`up`; saturates.
 #[inline]
-fn shifted(x: i32, up: u8, count: &mut u32) -> Fixed {
-    let up = u32::from(up);
+fn shifted(x: i32, up: Bits, count: &mut u32) -> Fixed {
+    let up = up.count();
     let result = x.wrapping_shl(up);
     if result.wrapping_shr(up) == x {
         of(result)
@@ -207,7 +208,7 @@ fn held_sum(sum: i64, count: &mut u32) -> i64 {
 impl Scalar for Fixed {
     type Gain = ShiftedGain;
     type Alpha = i32;
-    type Shift = u8;
+    type Shift = Bits;
     type Sum = i64;
     type SaturationCount = u32;
 
@@ -257,13 +258,13 @@ impl Scalar for Fixed {
     }
 
     #[inline]
-    fn times(self, other: Self, shift: u8, count: &mut u32) -> Self {
+    fn times(self, other: Self, shift: Bits, count: &mut u32) -> Self {
         shifted(high_product(bits(self), bits(other)), shift, count)
     }
 
-    fn over(self, other: Self, shift: u8, count: &mut u32) -> Self {
+    fn over(self, other: Self, shift: Bits, count: &mut u32) -> Self {
         // times() gives the product's upper 32 bits, shifted up.
-        let dividend = i64::from(bits(self)) << (32 - u32::from(shift).min(32));
+        let dividend = i64::from(bits(self)) << (32 - shift.count());
         if bits(other) == 0 {
             return Self::ZERO;
         }
@@ -333,7 +334,7 @@ impl Scalar for Fixed {
     }
 
     #[inline]
-    fn fine(self, shift: u8, count: &mut u32) -> Self {
+    fn fine(self, shift: Bits, count: &mut u32) -> Self {
         shifted(bits(self), shift, count)
     }
 
@@ -383,16 +384,16 @@ impl SiScalar for Fixed {
         ShiftedGain::new(value * core::f64::consts::PI / to.range())
     }
 
-    fn fine_shift(largest: f64) -> u8 {
+    fn fine_shift(largest: f64) -> Bits {
         let turned = Exponent::holding(largest / core::f64::consts::PI);
-        (-i32::from(turned.0)).clamp(0, 30) as u8
+        Bits::at_most((-i32::from(turned.0)).clamp(0, 30) as u8)
     }
 
-    fn fine_gain(value: f64, shift: u8, to: Exponent) -> ShiftedGain {
+    fn fine_gain(value: f64, shift: Bits, to: Exponent) -> ShiftedGain {
         Self::angle_gain(libm::ldexp(value, -i32::from(shift)), to)
     }
 
-    fn fine_gain_value(gain: ShiftedGain, shift: u8, to: Exponent) -> f64 {
+    fn fine_gain_value(gain: ShiftedGain, shift: Bits, to: Exponent) -> f64 {
         libm::ldexp(Self::angle_gain_value(gain, to), i32::from(shift))
     }
 
@@ -412,9 +413,9 @@ impl SiScalar for Fixed {
         f64::from(alpha) / 2_147_483_648.0
     }
 
-    fn shift(a: Exponent, b: Exponent, to: Exponent) -> u8 {
+    fn shift(a: Exponent, b: Exponent, to: Exponent) -> Bits {
         let up = i32::from(a.0) + i32::from(b.0) + 1 - i32::from(to.0);
-        up.clamp(0, 31) as u8
+        Bits::at_most(up.clamp(0, 31) as u8)
     }
 }
 
@@ -427,8 +428,8 @@ impl TableScalar for Fixed {
         let net = 31 - i32::from(format.0) - i32::from(scaling);
         // Values are up to 2^30 units of the table.
         (net <= 0).then_some(ColumnScale {
-            down: (-net).clamp(2, 31) as u8,
-            up: (net + 2).max(0) as u8,
+            down: Bits::at_most((-net).clamp(2, 31) as u8),
+            up: Bits::at_most((net + 2).clamp(0, 31) as u8),
             angle: false,
         })
     }
@@ -444,8 +445,8 @@ impl TableScalar for Fixed {
         let net = 31 - i32::from(common);
         let more = i32::from(scaling) - i32::from(common);
         (net <= 31).then_some(ColumnScale {
-            down: (more - net.min(0)).clamp(0, 31) as u8,
-            up: net.clamp(0, 31) as u8,
+            down: Bits::at_most((more - net.min(0)).clamp(0, 31) as u8),
+            up: Bits::at_most(net.clamp(0, 31) as u8),
             angle: true,
         })
     }
@@ -455,15 +456,15 @@ impl TableScalar for Fixed {
         if column_scale.angle {
             // Up to 2^30 / pi.
             const PER_PI: i32 = Constant::new(2.0 * core::f64::consts::FRAC_1_PI, 0).bits;
-            return of(high_product(raw, PER_PI) >> column_scale.down);
+            return of(high_product(raw, PER_PI) >> column_scale.down.count());
         }
         // To nearest.
-        of((raw.wrapping_shr(u32::from(column_scale.down) - 1) + 1) >> 1)
+        of((raw.wrapping_shr(column_scale.down.count() - 1) + 1) >> 1)
     }
 
     #[inline]
     fn from_spline(value: Self, column_scale: ColumnScale) -> Self {
-        of(bits(value).wrapping_shl(column_scale.up.into()))
+        of(bits(value).wrapping_shl(column_scale.up.count()))
     }
 
     #[inline]
@@ -588,7 +589,7 @@ mod tests {
             let difference = x.minus(y, &mut count);
             prop_assert!(check(difference, i64::from(a) - i64::from(b), count));
             count = 0;
-            let times = x.times(y, up, &mut count);
+            let times = x.times(y, Bits::at_most(up), &mut count);
             let high = (i64::from(a) * i64::from(b)) >> 32;
             prop_assert!(check(times, high << up, count));
         }
@@ -611,6 +612,7 @@ mod tests {
             prop_assert!(low.plus(c, &mut count) <= high.plus(c, &mut count));
             prop_assert!(low.minus(c, &mut count) <= high.minus(c, &mut count));
             let c = of(bits(c).saturating_abs());
+            let up = Bits::at_most(up);
             prop_assert!(low.times(c, up, &mut count) <= high.times(c, up, &mut count));
         }
     }
