@@ -460,7 +460,7 @@ mod tests {
         );
         assert_eq!(
             refused("completed,", ""),
-            "out/runs.csv: line 2 has 23 columns; accepted: 24, as line 1 has"
+            "out/runs.csv: line 2 has 24 columns; accepted: 25, as line 1 has"
         );
         assert_eq!(
             refused("force_max_N", "force_max"),
