@@ -9,7 +9,7 @@ use std::path::Path;
 const ARMS: [(&str, f64); 3] = [
     ("de_luca_1990", 0.06),
     ("gu_petkov", 0.25),
-    ("geared_forearm", 0.2),
+    ("geared_forearm", 0.4),
 ];
 
 #[test]
