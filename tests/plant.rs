@@ -2,7 +2,8 @@
 
 use flexor_sim::files::config;
 use flexor_sim::planner::limits::default_limits;
-use flexor_sim::planner::plan::{PlanOptions, plan};
+use flexor_sim::planner::plan::PlanOptions;
+use flexor_sim::planner::planning::plan;
 use flexor_sim::planner::task::{Task, Window};
 use flexor_sim::plant::PlantParameters;
 use flexor_sim::simulation::closed_loop::{Outcome, RunOptions, Simulation};

@@ -4,9 +4,10 @@
 use flexor::model::{ArmParameters, Elbow};
 use flexor::table::Table;
 use flexor_sim::planner::path::{LinePath, Profile};
-use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
+use flexor_sim::planner::plan::{Plan, PlanOptions};
+use flexor_sim::planner::planning::plan;
 use flexor_sim::planner::table_fit::{TORQUE_SHARE, TableFitError, fit_table};
-use flexor_sim::planner::task::{Task, Travel, Window};
+use flexor_sim::planner::task::{Ends, Task, Travel, Window};
 use flexor_sim::planner::tip_force::SurfaceFriction;
 use flexor_tests::{paper_arm, paper_task, planned};
 use proptest::prelude::*;
@@ -121,6 +122,7 @@ fn along(
         friction: SurfaceFriction::default(),
         pre_actuation: window,
         post_actuation: window,
+        ends: Ends::Spectral,
     }
 }
 
@@ -311,6 +313,7 @@ prop_compose! {
             friction: SurfaceFriction::default(),
             pre_actuation: windows[0],
             post_actuation: windows[1],
+            ends: Ends::Spectral,
         };
         (arm, task, options(elements, tick_rate_hz))
     }

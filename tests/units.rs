@@ -3,9 +3,10 @@
 
 use flexor::model::ArmParameters;
 use flexor_sim::planner::path::{LinePath, Profile};
-use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
+use flexor_sim::planner::plan::{Plan, PlanOptions};
+use flexor_sim::planner::planning::plan;
 use flexor_sim::planner::table_fit::{EncodedTable, TORQUE_SHARE, fit_table};
-use flexor_sim::planner::task::{Equations, Task, Travel, Window};
+use flexor_sim::planner::task::{Ends, Equations, Task, Travel, Window};
 use flexor_sim::planner::tip_force::SurfaceFriction;
 use flexor_tests::{paper_arm, paper_task};
 use proptest::prelude::*;
@@ -176,6 +177,7 @@ prop_compose! {
             friction: SurfaceFriction { coefficient, ..SurfaceFriction::default() },
             pre_actuation: windows[0],
             post_actuation: windows[1],
+            ends: Ends::Spectral,
         };
         let equations = if as_printed { Equations::AsPrinted } else { Equations::Exact };
         let options = PlanOptions { elements, tick_rate_hz: 1000, equations, ..PlanOptions::default() };

@@ -9,7 +9,8 @@ use flexor_sim::files::config::{
 };
 use flexor_sim::planner::limits::default_limits;
 use flexor_sim::planner::monitors::default_monitors;
-use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
+use flexor_sim::planner::plan::{Plan, PlanOptions};
+use flexor_sim::planner::planning::plan;
 use flexor_sim::planner::table_fit::fit_table;
 use flexor_sim::plant::bench::F64x4;
 use flexor_sim::plant::bench::lanes::Lanes;

@@ -5,9 +5,10 @@ use flexor::control::LawParameters;
 use flexor_sim::files::config::{DEFAULT_ARM, PAPER_CONTROLLER, parse_arm, parse_controller};
 use flexor_sim::planner::limits::default_limits;
 use flexor_sim::planner::path::{LinePath, Profile};
-use flexor_sim::planner::plan::{PlanOptions, plan};
+use flexor_sim::planner::plan::PlanOptions;
+use flexor_sim::planner::planning::plan;
 use flexor_sim::planner::table_fit;
-use flexor_sim::planner::task::{Task, Travel, Window};
+use flexor_sim::planner::task::{Ends, Task, Travel, Window};
 use flexor_sim::planner::tip_force::SurfaceFriction;
 use flexor_sim::plant::PlantParameters;
 use flexor_sim::simulation::closed_loop::{RunOptions, Simulation};
@@ -29,6 +30,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         friction: SurfaceFriction::default(),
         pre_actuation: Window::Fixed(0.0),
         post_actuation: Window::Fixed(0.0),
+        ends: Ends::Spectral,
     };
 
     // 2. The plan: what the joints, the link and the drives have to do.

@@ -9,7 +9,8 @@ use flexor::supervisor::{BoardParameters, ControllerParameters, check_torque_bou
 use flexor::table::Table;
 use flexor_sim::files::config::{self, BoardConfig};
 use flexor_sim::planner::limits::default_limits;
-use flexor_sim::planner::plan::{Plan, PlanOptions, plan};
+use flexor_sim::planner::plan::{Plan, PlanOptions};
+use flexor_sim::planner::planning::plan;
 use flexor_sim::planner::table_fit::{EncodedTable, fit_table};
 use flexor_sim::plant::PlantParameters;
 use flexor_sim::simulation::closed_loop::RunOptions;

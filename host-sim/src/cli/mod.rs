@@ -33,7 +33,8 @@ use self::folder::Output;
 use self::output::{print, print_facts, progress_bar, results, say};
 use crate::files::config;
 use crate::files::config::{ArmConfig, BoardConfig};
-use crate::planner::task::{Task, Travel};
+use crate::model::arm_model::ArmModel;
+use crate::planner::task::{PlanError, Task, Travel};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use flexor::control::{LawParameters, PaperParameters};
 use std::ffi::OsString;
@@ -184,7 +185,10 @@ impl Common {
             config::parse_move,
         )?;
         let task = match of_move {
-            Some(of_move) => of_move.task(&arm.arm, arm.elements)?,
+            Some(of_move) => {
+                let model = ArmModel::of_kind(&arm.arm, arm.elements, arm.link);
+                of_move.task(&model.map_err(PlanError::from)?)?
+            }
             None => config::load(
                 self.task.as_deref(),
                 config::DEFAULT_TASK,

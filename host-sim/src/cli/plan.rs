@@ -9,7 +9,7 @@ use crate::planner::plan::{Plan, PlanOptions, PlanPoint};
 use crate::planner::table_fit::EncodedTable;
 use crate::planner::task::{Equations, Task};
 use crate::planner::tip_force::FRICTION_SHARE_MAX;
-use crate::planner::{plan, table_fit};
+use crate::planner::{planning, table_fit};
 use crate::text::{Shortest, four_digits};
 use clap::Args;
 use flexor::control::LimitParameters;
@@ -213,11 +213,12 @@ impl Common {
                 ModelArg::Exact => Equations::Exact,
                 ModelArg::AsPrinted => Equations::AsPrinted,
             },
+            link: arm.link,
             ..PlanOptions::default()
         };
         let milliseconds = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
         let since = Instant::now();
-        let plan = plan::plan(&arm.arm, task, &options)?;
+        let plan = planning::plan(&arm.arm, task, &options)?;
         let plan_ms = milliseconds(since);
         let named = self.board.as_deref().map(|file| (file, &board.parameters));
         let limits = limits(arm, named, &plan)?;

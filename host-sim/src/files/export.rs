@@ -12,8 +12,8 @@ use serde_json::{Map, Value, json};
 use std::io::{self, Write};
 
 /// Writes a plan as CSV, one row a tick: time, angles, nodal deflections and slopes
-/// (`w0` is the root slope, in the order of [`flexor::model`]), root slope rate,
-/// torques, then rates, tip position, joint powers, the normal force and the friction that the plan
+/// (in the order of [`flexor::model`]; slopes of the geometric model are sines of section angles), the
+/// section angle at link 2's root and its rate, the chord's length, torques, then rates, tip position, joint powers, the normal force and the friction that the plan
 /// counts on.
 ///
 /// # Errors
@@ -27,7 +27,9 @@ pub fn plan_csv(plan: &Plan, writer: impl Write) -> io::Result<()> {
     header.extend((0..n).map(|i| format!("w{i}")));
     header.extend(
         [
+            "root_slope_rad",
             "root_slope_rate_rad_s",
+            "chord_m",
             "tau1_Nm",
             "tau2_Nm",
             "theta10_rate_rad_s",
@@ -51,7 +53,7 @@ pub fn plan_csv(plan: &Plan, writer: impl Write) -> io::Result<()> {
         put(&[point.t]);
         put(&joint.angle);
         put(plan.deflection_at(tick));
-        put(&[point.root_slope_rate]);
+        put(&[point.root_slope, point.root_slope_rate, point.chord_m]);
         put(&point.torque);
         put(&joint.rate);
         put(&point.tip.position);

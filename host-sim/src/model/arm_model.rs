@@ -10,6 +10,7 @@
 //! Glossary: *participation* is a mode's share in a quantity, e.g. its slope at the
 //! root; *chord* is the line from joint 2 to the tip.
 
+use crate::model::link::{Link, LinkDamping, LinkKind};
 use flexor::model::{ArmParameters, Beam, BeamParameters, Kinematics};
 use flexor::number::Real;
 use nalgebra::{DMatrix, DVector};
@@ -31,7 +32,7 @@ pub struct ArmModel {
     pub angular_frequency: Vec<f64>,
     /// Their squares, the modal stiffnesses, 1/s^2.
     pub stiffness: Vec<f64>,
-    /// Modal damping `2 zeta omega`, 1/s.
+    /// Damping of the modes, 1/s: `2 zeta omega`, or `beta omega^2` where the link's bending is damped.
     pub damping: Vec<f64>,
     /// Slope at the root per modal coordinate (E in modal coordinates).
     pub root_slope: Vec<f64>,
@@ -47,6 +48,8 @@ pub struct ArmModel {
     pub coordinates: DMatrix<f64>,
     /// The same beam in nodal coordinates `w`.
     pub nodal: NodalBeam,
+    /// Link 2 at its Gauss points, for the equations that hold where it really bends.
+    pub link: Link,
     /// Geometric stiffness, in modal coordinates, for a tip tension of 1 N.
     pub geometric_tip: DMatrix<f64>,
     /// Geometric stiffness per unit of axial specific force, 1 m/s^2 towards the tip.
@@ -76,7 +79,7 @@ pub struct NodalBeam {
     pub translating_mass: DMatrix<f64>,
     /// Bending stiffness.
     pub stiffness: DMatrix<f64>,
-    /// Modal damping.
+    /// Damping, modal or of bending.
     pub damping: DMatrix<f64>,
     /// `<B>`.
     pub first_moment: DVector<f64>,
@@ -159,14 +162,27 @@ fn beam_parameters(arm: &ArmParameters) -> BeamParameters<f64> {
 }
 
 impl ArmModel {
-    /// The model of `arm` with link 2 in `elements` equal elements, 1 to
+    /// The linear model of `arm` with modal damping and link 2 in `elements` equal elements, 1 to
     /// [`ELEMENTS_MAX`].
     ///
     /// # Errors
     /// [`ModelError`] for another number, or data without a positive definite mass
     /// matrix.
     pub fn new(arm: &ArmParameters, elements: usize) -> Result<Self, ModelError> {
-        let beam = AnyBeam::new(beam_parameters(arm), arm.damping_ratio, elements)
+        Self::of_kind(arm, elements, LinkKind::default())
+    }
+
+    /// The model of `arm` with link 2 of the given `kind`, in `elements` equal elements, 1 to
+    /// [`ELEMENTS_MAX`]. What it has in modal coordinates is that of small deflections.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn of_kind(
+        arm: &ArmParameters,
+        elements: usize,
+        kind: LinkKind,
+    ) -> Result<Self, ModelError> {
+        let mut beam = AnyBeam::new(beam_parameters(arm), arm.damping_ratio, elements)
             .ok_or(ModelError { elements })?;
         let modal = |v: &DVector<f64>| beam.shapes.tr_mul(v).as_slice().to_vec();
         let row = |i: usize| beam.shapes.row(i).iter().copied().collect::<Vec<_>>();
@@ -182,15 +198,23 @@ impl ArmModel {
             beam.shapes.tr_mul(&(matrix * &beam.shapes))
         };
         let angular_frequency = beam.angular_frequency.as_slice().to_vec();
+        let modes = angular_frequency.iter();
+        let (damping, retardation_s) = match kind.damping {
+            LinkDamping::Modal => (modes.map(|w| 2.0 * arm.damping_ratio * w).collect(), 0.0),
+            LinkDamping::Bending { time_s } => {
+                let lowest = 2.0 * arm.damping_ratio / angular_frequency[0];
+                let time_s = time_s.unwrap_or(lowest);
+                beam.nodal.damping = &beam.nodal.stiffness * time_s;
+                (modes.map(|w| time_s * (w * w)).collect(), time_s)
+            }
+        };
         Ok(Self {
             arm: *arm,
             elements,
             kinematics: Kinematics::new(arm),
             stiffness: angular_frequency.iter().map(|w| w * w).collect(),
-            damping: angular_frequency
-                .iter()
-                .map(|w| 2.0 * arm.damping_ratio * w)
-                .collect(),
+            damping,
+            link: Link::new(arm, elements, kind, retardation_s, &beam.nodal.damping),
             angular_frequency,
             root_slope: row(0),
             tip_slope: row(dof - 1),

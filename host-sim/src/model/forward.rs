@@ -1,9 +1,11 @@
-//! Forward dynamics: accelerations and contact force from state and torques, with the tip
-//! held on the surface. The equations are those of [`crate::model::dynamics`].
+//! Forward dynamics of the linear model: accelerations and contact force from state and torques, with
+//! the tip held on the surface. The equations are those of [`crate::model::dynamics`].
 
 use crate::model::arm_model::{ArmModel, dot};
+use crate::model::bent_forward::BentArm;
 use crate::model::configuration::{Configuration, State, Surface};
 use crate::model::dynamics::{end_inertias, translating};
+use crate::model::link::LinkModel;
 use flexor::number::Real;
 use nalgebra::DMatrix;
 
@@ -16,10 +18,12 @@ pub struct Actuation<T> {
     pub geometric_stiffness: bool,
 }
 
-/// Memory that [`forward`] works in, so that a simulation allocates none: geometric
-/// stiffness times deflection, mode by mode.
+/// Memory that the equations work in, so that a simulation allocates none: of the linear model geometric
+/// stiffness times deflection, mode by mode, of the geometric one the bent arm.
 #[derive(Clone, Debug)]
 pub struct Workspace<T> {
+    /// The arm of a geometric model.
+    pub(crate) bent: Option<BentArm<T>>,
     /// Per unit of axial specific force.
     axial: Vec<T>,
     /// Per unit of theta20's squared rate.
@@ -32,10 +36,33 @@ impl<T: Real> Workspace<T> {
     /// For `model`, or another one with as many modes.
     pub fn new(model: &ArmModel) -> Self {
         let modes = || vec![T::ZERO; model.dof()];
+        let bends = model.link.kind.model == LinkModel::Geometric;
         Self {
+            bent: bends.then(|| BentArm::new(model)),
             axial: modes(),
             centrifugal: modes(),
             tip: modes(),
+        }
+    }
+
+    /// The chord of `model`'s link 2 in `state`, m, and the angle of its root against the chord, rad; both
+    /// with their rates.
+    pub fn shape(&mut self, model: &ArmModel, state: State<'_, T>) -> [[T; 2]; 2] {
+        match &mut self.bent {
+            Some(bent) => bent.shape(model, state),
+            None => {
+                let root = [state.q(), state.q_rate()].map(|q| dot(&model.root_slope, q));
+                [[T::from_f64(model.arm.link2_length_m), T::ZERO], root]
+            }
+        }
+    }
+
+    /// Acceleration of the root's angle against the chord, rad/s^2, for the modal accelerations that
+    /// were found last.
+    pub fn root_acceleration(&self, model: &ArmModel, q_acceleration: &[T]) -> T {
+        match &self.bent {
+            Some(bent) => bent.root_acceleration(),
+            None => dot(&model.root_slope, q_acceleration),
         }
     }
 

@@ -13,9 +13,8 @@ use crate::model::configuration::Surface;
 use crate::model::dynamics::equilibrium;
 use crate::planner::feasible::angles_at;
 use crate::planner::path::{JointWay, LinePath, Profile};
-use crate::planner::task::{PlanError, Task, Travel, Window, surface};
+use crate::planner::task::{Ends, PlanError, Task, Travel, Window, surface};
 use crate::planner::tip_force::SurfaceFriction;
-use flexor::model::ArmParameters;
 
 /// Where a move begins or ends. Angles are in rad from a1 towards a2.
 #[derive(Clone, Debug, PartialEq)]
@@ -58,21 +57,20 @@ struct Stretch {
 }
 
 impl FreeMove {
-    /// What there is to plan for `arm`.
+    /// What there is to plan for `model`'s arm.
     ///
     /// # Errors
     /// [`PlanError`]: ends that the arm cannot reach, a way that goes nowhere or through a surface.
-    pub fn task(&self, arm: &ArmParameters, elements: usize) -> Result<Task, PlanError> {
-        let model = ArmModel::new(arm, elements)?;
-        let (from, off_from) = self.from.angles(&model, 1.0)?;
-        let (to, off_to) = self.to.angles(&model, 0.0)?;
+    pub fn task(&self, model: &ArmModel) -> Result<Task, PlanError> {
+        let (from, off_from) = self.from.angles(model, 1.0)?;
+        let (to, off_to) = self.to.angles(model, 0.0)?;
         let way = JointWay { ends: [from, to] };
         let off: Vec<Stretch> = off_from.into_iter().chain(off_to).collect();
         if way.is_point() {
             return Err(PlanError::NoMove { angle_rad: from });
         }
         let [start, end] = way.ends.map(|angle| model.kinematics.forward(angle));
-        self.check_clear(&model, &way, &off)?;
+        self.check_clear(model, &way, &off)?;
         Ok(Task {
             path: LinePath {
                 from: start,
@@ -86,6 +84,7 @@ impl FreeMove {
             friction: SurfaceFriction::default(),
             pre_actuation: self.pre_actuation,
             post_actuation: self.post_actuation,
+            ends: Ends::Spectral,
         })
     }
 

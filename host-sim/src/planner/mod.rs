@@ -1,5 +1,6 @@
 //! From a task to joint motion, deflection, torques and their table.
 
+mod attempt;
 pub mod collocation;
 mod elastic_bvp;
 mod feasible;
@@ -10,7 +11,9 @@ pub mod limits;
 pub mod monitors;
 pub mod path;
 pub mod plan;
+pub mod planning;
+mod servo;
 pub mod table_fit;
 pub mod task;
 pub mod tip_force;
-pub mod zeros;
+mod zeros;

@@ -3,10 +3,11 @@
 use crate::model::arm_model::ModelError;
 use crate::model::configuration::Surface;
 use crate::planner::collocation::CollocationError;
-use crate::planner::path::{JointWay, LinePath, TipMotion};
+use crate::planner::path::{JointWay, LinePath};
+use crate::planner::servo::Reference;
 use crate::planner::tip_force::{FRICTION_SHARE_MAX, NormalForce, SurfaceFriction, TipForce};
 use crate::text::{Shortest, four_digits};
-use flexor::model::{ArmParameters, Elbow, JointMotion, Kinematics, KinematicsError};
+use flexor::model::{ArmParameters, KinematicsError};
 
 /// Which equations the planner uses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -18,6 +19,18 @@ pub enum Equations {
     /// axial load and the terms of second order, and with the torques as least-squares
     /// solution of eq. 9 and 11, which then contradict each other.
     AsPrinted,
+}
+
+/// What the link may do at the first and the last instant of a plan.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Ends {
+    /// Bend into the motion and out of it: at the first instant it has only what grows into the motion, at
+    /// the last only what decays, as if it had rested for ever before and rested for ever after.
+    #[default]
+    Spectral,
+    /// Have its resting shape, whatever its rate. Where the time before the motion is short it has to bend
+    /// at once, and from some 6 elements on there are layers thinner than a control period.
+    Dirichlet,
 }
 
 /// How long the link may bend before or after the tip's motion.
@@ -61,6 +74,8 @@ pub struct Task {
     pub pre_actuation: Window,
     /// Time after it.
     pub post_actuation: Window,
+    /// What the link may do at the ends of all that. The printed equations have Dirichlet ends always.
+    pub ends: Ends,
 }
 
 /// Why there is no plan.
@@ -183,24 +198,70 @@ pub enum PlanError {
         /// What is accepted.
         limit: f64,
     },
-    /// The link has zeros that come in no pair of growth and decay.
+    /// Not as many deflections may be there before the motion and after it as there are.
     #[error(
-        "link 2 has {growing} growing and {decaying} decaying zeros, as many of each are accepted: {}",
+        "link 2 has {} growing and {} decaying zeros at the start of the path and {} and {} at its end, as many of each are accepted at both: {}",
+        start[0], start[1], end[0], end[1],
         if *tip_inertia_kgm2 > 0.0 {
-            format!("link2.tip_inertia_kgm2 = {} makes the tip swing freely against the plan; a smaller one or 0 is accepted", Shortest(*tip_inertia_kgm2))
+            format!("link2.tip_inertia_kgm2 = {} lets the tip swing freely against the plan at one of them; a smaller one or 0 is accepted", Shortest(*tip_inertia_kgm2))
         } else {
-            format!("link2.elements = {elements} are too many for rounding; fewer are accepted")
+            "a path whose ends are more alike is accepted".to_string()
         }
     )]
-    Unpaired {
-        /// Number of zeros that grow.
-        growing: usize,
-        /// Number of zeros that decay.
-        decaying: usize,
-        /// The arm's tip inertia, kg m^2, which causes this; where there is none, rounding does.
+    UnlikeEnds {
+        /// Zeros that grow and that decay, at the path's start.
+        start: [usize; 2],
+        /// The same at its end.
+        end: [usize; 2],
+        /// The arm's tip inertia, kg m^2.
         tip_inertia_kgm2: f64,
-        /// Number of elements.
-        elements: usize,
+    },
+    /// Some deflection neither grows nor decays at rest.
+    #[error(
+        "link 2 has zeros at {} of the path that neither grow nor decay: {}",
+        if *.end { "the end" } else { "the start" },
+        if *damping > 0.0 {
+            format!("another link2.tip_inertia_kgm2 than {} is accepted", Shortest(*tip_inertia_kgm2))
+        } else {
+            "a link2.damping_ratio above 0 is accepted".to_string()
+        }
+    )]
+    Lasting {
+        /// At the end, or at the start.
+        end: bool,
+        /// The arm's damping ratio.
+        damping: f64,
+        /// The arm's tip inertia, kg m^2.
+        tip_inertia_kgm2: f64,
+    },
+    /// The link bends too far for any of its equations.
+    #[error(
+        "link 2 bends too far: at t = {t_s:.4} s, point ({:.4}, {:.4}) m, its section angle would pass 72 degrees; a longer duration_s makes motion's share smaller, less force.normal_N and a stiffer link2 the share at rest",
+        point_m[0], point_m[1]
+    )]
+    SectionAngle {
+        /// When, s.
+        t_s: f64,
+        /// Where the tip is, m.
+        point_m: [f64; 2],
+    },
+    /// The tip's motion stops to determine the link's.
+    #[error(
+        "the tip does not determine the motion of link 2 throughout: near t = {t_s:.4} s, point ({:.4}, {:.4}) m, the determinant of its equations changes sign; {}",
+        point_m[0], point_m[1],
+        if *tip_inertia_kgm2 > 0.0 {
+            format!("another link2.tip_inertia_kgm2 than {} is accepted", Shortest(*tip_inertia_kgm2))
+        } else {
+            "a longer duration_s or fewer link2.elements are accepted".to_string()
+        }
+    )]
+    Undetermined {
+        /// When, s.
+        t_s: f64,
+        /// Where, m.
+        point_m: [f64; 2],
+        /// The arm's tip inertia, kg m^2.
+        tip_inertia_kgm2: f64,
     },
     /// The deflection found is not good enough to be used.
     #[error(
@@ -326,38 +387,21 @@ pub(super) fn surface(task: &Task, arm: &ArmParameters) -> Result<Surface, PlanE
 }
 
 impl Task {
-    /// The motion of tip and joints at time `t`, s after the path's start, of an arm with these
-    /// kinematics and elbow. The path has been checked; where rounding at its edge still refuses,
-    /// the joints rest at 0.
-    pub(super) fn motion(
-        &self,
-        kinematics: &Kinematics<f64>,
-        elbow: Elbow,
-        t: f64,
-    ) -> (TipMotion, JointMotion<f64>) {
+    /// What is prescribed at time `t`, s after the path's start.
+    pub(super) fn reference(&self, t: f64) -> Reference {
         let path = &self.path;
         match &self.travel {
             Travel::Line => {
                 let tip = path.at(t);
-                let joint =
-                    kinematics.inverse_motion(tip.position, tip.velocity, tip.acceleration, elbow);
-                (tip, joint.unwrap_or_default())
+                Reference::Tip([tip.position, tip.velocity, tip.acceleration])
             }
             Travel::Joints(way) => {
                 let [s, rate, acceleration] = path.profile.at(t / path.duration);
-                let of_time = [
+                Reference::Joints(way.at([
                     s,
                     rate / path.duration,
                     acceleration / (path.duration * path.duration),
-                ];
-                let joint = way.at(of_time);
-                let [position, velocity, acceleration] = kinematics.forward_motion(&joint);
-                let tip = TipMotion {
-                    position,
-                    velocity,
-                    acceleration,
-                };
-                (tip, joint)
+                ]))
             }
         }
     }

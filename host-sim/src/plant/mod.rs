@@ -5,6 +5,7 @@
 
 #[cfg(feature = "bench")]
 pub mod bench;
+mod bent_rest;
 mod friction;
 pub mod integrator;
 mod parameters;
@@ -13,4 +14,7 @@ mod plant;
 pub mod spread;
 
 pub use parameters::PlantParameters;
-pub use plant::{Plant, PlantError, Reading, SUBSTEPS_MAX, derivative, resting_state, state_of};
+pub use plant::{
+    Plant, PlantError, Reading, SUBSTEPS_MAX, derivative, resting_state, resting_state_under,
+    state_of,
+};

@@ -2,6 +2,7 @@
 
 use crate::model::arm_model::{ArmModel, ModelError};
 use crate::model::geometric_stiffness::GeometricStiffness;
+use crate::model::link::{LinkDamping, LinkKind, LinkModel};
 use flexor::model::ArmParameters;
 
 /// How the plant differs from the arm that was planned for.
@@ -27,7 +28,11 @@ pub struct PlantParameters {
     pub viscous_friction_nms_rad: [f64; 2],
     /// Coulomb friction of the two joints, N m.
     pub coulomb_friction_nm: [f64; 2],
-    /// Axial forces that change the bending stiffness.
+    /// How link 2 bends; `None` for as it was planned.
+    pub link_model: Option<LinkModel>,
+    /// How link 2 is damped; `None` for as it was planned.
+    pub link_damping: Option<LinkDamping>,
+    /// Axial forces that change the bending stiffness of the linear model.
     pub geometric_stiffness: GeometricStiffness,
     /// Integration steps a control period; `None` derives them from the highest
     /// frequency.
@@ -48,6 +53,8 @@ impl Default for PlantParameters {
             tip_inertia_kgm2: None,
             viscous_friction_nms_rad: [0.0; 2],
             coulomb_friction_nm: [0.0; 2],
+            link_model: None,
+            link_damping: None,
             geometric_stiffness: GeometricStiffness::None,
             substeps: None,
         }
@@ -55,14 +62,29 @@ impl Default for PlantParameters {
 }
 
 impl PlantParameters {
-    /// The model of the plant that differs so from the arm `planned`.
+    /// The model of the plant that differs so from the arm `planned`, with a link 2 of the kind
+    /// `link`.
     ///
     /// # Errors
     /// [`ModelError`] for a number of elements or data that no model can be made of.
-    pub fn model(&self, planned: &ArmParameters) -> Result<ArmModel, ModelError> {
-        let mut model = ArmModel::new(&self.arm(planned), self.elements)?;
+    pub fn model(&self, planned: &ArmParameters, link: LinkKind) -> Result<ArmModel, ModelError> {
+        let mut model = ArmModel::of_kind(&self.arm(planned), self.elements, self.link(link))?;
         self.geometric_stiffness.restrict(&mut model);
         Ok(model)
+    }
+
+    /// The kind of its link 2, where that of the arm that was planned for is `planned`.
+    fn link(&self, planned: LinkKind) -> LinkKind {
+        let damping = self.link_damping.unwrap_or(planned.damping);
+        LinkKind {
+            model: self.link_model.unwrap_or(planned.model),
+            damping: match damping {
+                LinkDamping::Modal => LinkDamping::Modal,
+                LinkDamping::Bending { time_s } => LinkDamping::Bending {
+                    time_s: time_s.map(|time_s| self.damping_scale * time_s),
+                },
+            },
+        }
     }
 
     /// The arm that the plant is.

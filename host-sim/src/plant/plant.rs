@@ -16,8 +16,10 @@ use crate::model::configuration::{Configuration, State, Surface};
 use crate::model::dynamics;
 use crate::model::forward::{Actuation, Workspace, forward};
 use crate::plant::PlantParameters;
+use crate::plant::bent_rest::rest_under;
 use crate::plant::friction::{friction, steepest};
 use crate::plant::integrator::{Integrator, STEP_TIMES_FREQUENCY};
+use flexor::model::Kinematics;
 use flexor::number::Real;
 
 /// Most integration steps in a control period.
@@ -63,6 +65,22 @@ pub fn resting_state(
     Ok(state_of(angle, &q, &vec![0.0; model.dof()]))
 }
 
+/// State, laid out as [`State`], of a plant with the geometric `model`, at rest with `torque` (N m) on its
+/// joints and its tip on `surface`, near the joint angles `near` (rad).
+///
+/// # Errors
+/// [`PlantError::Buckled`].
+pub fn resting_state_under(
+    model: &ArmModel,
+    surface: &Surface,
+    torque: [f64; 2],
+    near: [f64; 2],
+) -> Result<Vec<f64>, PlantError> {
+    let (angle, w) = rest_under(model, surface, torque, near).ok_or(PlantError::Buckled)?;
+    let q = &model.coordinates * nalgebra::DVector::from_vec(w);
+    Ok(state_of(angle, q.as_slice(), &vec![0.0; model.dof()]))
+}
+
 /// State, laid out as [`State`], with joints at rest at `angle` (rad), the modal coordinates
 /// `q` and their rates `q_rate` (1/s).
 pub fn state_of(angle: [f64; 2], q: &[f64], q_rate: &[f64]) -> Vec<f64> {
@@ -83,17 +101,27 @@ pub fn derivative<T: Real>(
 ) -> T {
     let n = model.dof();
     let view = State(state);
-    let [rate1, rate2] = view.rate();
-    let root_rate = dot(&model.root_slope, view.q_rate());
-    let lost = friction(parameters, [rate1, rate2 + root_rate - rate1]);
-    let drive = Actuation {
-        torque: [torque[0] - lost[0], torque[1] - lost[1]],
-        geometric_stiffness: parameters.geometric_stiffness.is_any(),
-    };
     let q_acceleration = &mut derivative[4 + n..];
-    let (acceleration, force) = forward(model, surface, view, &drive, workspace, q_acceleration);
-    derivative[0] = rate1;
-    derivative[1] = rate2;
+    let net = |rates: [T; 2]| {
+        let lost = friction(parameters, rates);
+        [torque[0] - lost[0], torque[1] - lost[1]]
+    };
+    let (acceleration, force) = match &mut workspace.bent {
+        Some(bent) => {
+            let found = bent.on_surface(model, surface, view, net, q_acceleration);
+            (found.angle, found.force)
+        }
+        None => {
+            let [rate1, rate2] = view.rate();
+            let root_rate = dot(&model.root_slope, view.q_rate());
+            let drive = Actuation {
+                torque: net([rate1, rate2 + root_rate - rate1]),
+                geometric_stiffness: parameters.geometric_stiffness.is_any(),
+            };
+            forward(model, surface, view, &drive, workspace, q_acceleration)
+        }
+    };
+    [derivative[0], derivative[1]] = view.rate();
     derivative[2] = acceleration[0];
     derivative[3] = acceleration[1];
     derivative[4..4 + n].copy_from_slice(view.q_rate());
@@ -127,12 +155,12 @@ pub struct Reading {
 /// ```
 /// use flexor_sim::files::config::{self, DEFAULT_ARM};
 /// use flexor_sim::model::configuration::Surface;
-/// use flexor_sim::model::dynamics::equilibrium;
+/// use flexor_sim::model::{dynamics::equilibrium, link::LinkKind};
 /// use flexor_sim::plant::{Plant, PlantParameters, resting_state};
 ///
 /// let arm = config::parse_arm("arm.toml", DEFAULT_ARM)?.arm;
 /// let parameters = PlantParameters::default();
-/// let model = parameters.model(&arm)?;
+/// let model = parameters.model(&arm, LinkKind::default())?;
 /// // The tip at (0.6, 0.05) m presses with 2 N on a surface below it; a2 points down.
 /// let surface = Surface { normal: [0.0, 1.0], offset_m: 0.05 };
 /// let angle = model.kinematics.inverse([0.6, 0.05], arm.elbow).expect("in reach");
@@ -265,27 +293,36 @@ impl Plant {
         let n = self.model.dof();
         let state = State(self.state.as_slice());
         let [rate1, rate2] = state.rate();
-        let root_slope_rate = dot(&self.model.root_slope, state.q_rate());
+        let [[chord, _], [root_slope, root_slope_rate]] = self.workspace.shape(&self.model, state);
         let lost = friction(&self.parameters, [rate1, rate2 + root_slope_rate - rate1]);
-        let acceleration = self.slope[3] + dot(&self.model.root_slope, &self.slope[4 + n..]);
-        let hub = self.model.arm.root_inertia_kgm2 * acceleration;
+        let turned = self
+            .workspace
+            .root_acceleration(&self.model, &self.slope[4 + n..]);
+        let hub = self.model.arm.root_inertia_kgm2 * (self.slope[3] + turned);
         Reading {
             angle: state.angle(),
             rate: state.rate(),
-            root_slope: dot(&self.model.root_slope, state.q()),
+            root_slope,
             root_slope_rate,
-            tip: self.model.kinematics.forward(state.angle()),
+            tip: self.tip(chord),
             force,
             root_moment: torque[1] - lost[1] - hub,
         }
     }
 
+    /// Position of the tip, m, with a chord of that length, m.
+    fn tip(&self, chord: f64) -> [f64; 2] {
+        let kinematics = Kinematics {
+            link1_length: self.model.arm.link1_length_m,
+            link2_length: chord,
+        };
+        kinematics.forward(State(self.state.as_slice()).angle())
+    }
+
     /// Signed distance of the tip from the surface, m.
-    pub fn constraint(&self) -> f64 {
-        let tip = self
-            .model
-            .kinematics
-            .forward([self.state[0], self.state[1]]);
+    pub fn constraint(&mut self) -> f64 {
+        let [[chord, _], _] = self.workspace.shape(&self.model, State(&self.state));
+        let tip = self.tip(chord);
         let normal = self.surface.normal;
         normal[0] * tip[0] + normal[1] * tip[1] - self.surface.offset_m
     }
@@ -320,20 +357,24 @@ impl Plant {
 
     /// Brings angles and rates onto the surface by the shortest way.
     fn project(&mut self) {
-        let (r1, r2) = (self.model.arm.link1_length_m, self.model.arm.link2_length_m);
+        let r1 = self.model.arm.link1_length_m;
         let normal = self.surface.normal;
+        // The shape stays as it is.
+        let [[chord, chord_rate], _] = self.workspace.shape(&self.model, State(&self.state));
         // The step's error is far below 1e-7 m, and Newton squares it.
         for _ in 0..2 {
             let (s1, c1) = libm::sincos(self.state[0]);
             let (s2, c2) = libm::sincos(self.state[1]);
             let gradient = [
                 r1 * (normal[1] * c1 - normal[0] * s1),
-                r2 * (normal[1] * c2 - normal[0] * s2),
+                chord * (normal[1] * c2 - normal[0] * s2),
             ];
-            let distance = normal[0] * (r1 * c1 + r2 * c2) + normal[1] * (r1 * s1 + r2 * s2)
-                - self.surface.offset_m;
+            let along = normal[0] * c2 + normal[1] * s2;
+            let distance =
+                r1 * (normal[0] * c1 + normal[1] * s1) + chord * along - self.surface.offset_m;
             let square = gradient[0] * gradient[0] + gradient[1] * gradient[1];
-            let speed = gradient[0] * self.state[2] + gradient[1] * self.state[3];
+            let speed =
+                gradient[0] * self.state[2] + gradient[1] * self.state[3] + chord_rate * along;
             for (i, gradient) in gradient.into_iter().enumerate() {
                 self.state[i] -= distance * gradient / square;
                 self.state[2 + i] -= speed * gradient / square;
@@ -384,14 +425,18 @@ fn highest_frequency(
     let root = dot(&model.root_slope, &model.root_slope);
     let joint2 = slide[1] - slide[0] - root_coupling;
     let mobility = [slide[0] * slide[0], joint2 * joint2].map(|j| j / (mass - coupling));
-    let damping = friction[0] * mobility[0] + friction[1] * (root + mobility[1]);
+    // Bending damping is `beta` times the stiffness.
+    let bending = model.link.retardation_s * squared;
+    let damping = bending + friction[0] * mobility[0] + friction[1] * (root + mobility[1]);
     0.5 * damping + (0.25 * damping * damping + squared).sqrt()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::energy::energy as energy_of;
     use crate::model::geometric_stiffness::GeometricStiffness;
+    use crate::model::link::LinkKind;
     use crate::testing;
     use flexor::model::ArmParameters;
 
@@ -406,7 +451,7 @@ mod tests {
     /// `arm` at rest on the surface under [`FORCE`] as the plant with `parameters` bends,
     /// with control periods of `period_s`.
     fn resting(arm: &ArmParameters, parameters: &PlantParameters, period_s: f64) -> Plant {
-        let model = parameters.model(arm).unwrap();
+        let model = parameters.model(arm, LinkKind::default()).unwrap();
         let angle = model.kinematics.inverse([0.7, 0.05], arm.elbow).unwrap();
         let state = resting_state(&model, parameters, angle, FORCE).unwrap();
         Plant::new(model, parameters, SURFACE, period_s, state).unwrap()
@@ -434,7 +479,7 @@ mod tests {
     }
 
     fn energy(plant: &Plant) -> f64 {
-        dynamics::energy(plant.model(), State(plant.state()))
+        energy_of(plant.model(), State(plant.state()))
     }
 
     /// Largest relative change of the energy in a second.

@@ -1,6 +1,7 @@
 //! Plants that differ from the planned arm: a variant, and a spread of them.
 
 use crate::model::arm_model::{ArmModel, ModelError};
+use crate::model::link::LinkKind;
 use crate::plant::PlantParameters;
 use crate::text::Shortest;
 use flexor::model::ArmParameters;
@@ -34,7 +35,7 @@ impl PlantVariant {
             parameters: *parameters,
             contact_angle_rad,
             tick_rate_hz,
-            model: parameters.model(planned)?,
+            model: parameters.model(planned, LinkKind::default())?,
         })
     }
 
@@ -149,7 +150,7 @@ impl Spread {
                     elements,
                     ..*parameters
                 };
-                let model = parameters.model(planned)?;
+                let model = parameters.model(planned, LinkKind::default())?;
                 for &rate in rates {
                     let mut name = name.to_string();
                     if self.contact_angle_rad.len() > 1 {

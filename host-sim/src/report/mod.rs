@@ -119,8 +119,9 @@ fn write_file(path: &Path, text: &str) -> Result<(), ReportError> {
 pub(crate) mod testing {
     //! A short planned motion and a run of it, and the records of a made-up campaign.
     use crate::planner::path::{LinePath, Profile};
-    use crate::planner::plan::{Plan, PlanOptions, plan};
-    use crate::planner::task::{Task, Travel, Window};
+    use crate::planner::plan::{Plan, PlanOptions};
+    use crate::planner::planning::plan;
+    use crate::planner::task::{Ends, Task, Travel, Window};
     use crate::planner::tip_force::SurfaceFriction;
     use crate::plant::PlantParameters;
     use crate::simulation::closed_loop::{Run, RunOptions, Simulation};
@@ -223,6 +224,7 @@ pub(crate) mod testing {
             friction: SurfaceFriction::default(),
             pre_actuation: Window::Fixed(0.1),
             post_actuation: Window::Fixed(0.0),
+            ends: Ends::default(),
         };
         let plan = plan(&PAPER, &task, &PlanOptions::default()).unwrap();
         let image = crate::planner::table_fit::fit_table(&plan).unwrap().image;

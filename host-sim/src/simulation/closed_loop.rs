@@ -215,12 +215,12 @@ pub struct Step<T> {
 ///
 /// ```
 /// use flexor_sim::files::config::{self, DEFAULT_ARM, PAPER_CONTROLLER, DEFAULT_TASK};
-/// use flexor_sim::planner::{limits::default_limits, plan, table_fit};
+/// use flexor_sim::planner::{limits::default_limits, plan::PlanOptions, planning, table_fit};
 /// use flexor_sim::simulation::{cases, closed_loop::{RunOptions, Simulation}, start::Start};
 ///
 /// let arm = config::parse_arm("arm.toml", DEFAULT_ARM)?.arm;
 /// let task = config::parse_task("task.toml", DEFAULT_TASK)?;
-/// let plan = plan::plan(&arm, &task, &plan::PlanOptions::default())?;
+/// let plan = planning::plan(&arm, &task, &PlanOptions::default())?;
 /// let image = table_fit::fit_table(&plan)?.image;
 /// let options = RunOptions {
 ///     law: config::parse_controller("controller.toml", PAPER_CONTROLLER)?,

@@ -42,6 +42,12 @@ pub trait Real:
     /// False for NaN and the infinities.
     fn is_finite(self) -> bool;
 
+    /// `factor` times this value. What carries derivatives knows that a constant has none.
+    #[inline]
+    fn scaled(self, factor: f64) -> Self {
+        Self::from_f64(factor) * self
+    }
+
     /// |self|.
     fn magnitude(self) -> Self {
         if self < Self::ZERO { -self } else { self }

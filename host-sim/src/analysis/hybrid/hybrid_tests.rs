@@ -3,7 +3,8 @@
 use super::proof::Subject;
 use super::*;
 use crate::files::config;
-use crate::planner::plan::{Plan, PlanOptions, plan};
+use crate::planner::plan::{Plan, PlanOptions};
+use crate::planner::planning::plan;
 use crate::testing::PAPER;
 use flexor::control::HybridParameters;
 

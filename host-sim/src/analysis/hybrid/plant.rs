@@ -7,9 +7,9 @@
 //! bare root is stable.
 
 use super::HybridError;
-use crate::analysis::stability::dual::Dual;
 use crate::analysis::stability::sampled::exp;
 use crate::model::arm_model::ArmModel;
+use crate::model::dual::Dual;
 use crate::model::dynamics::equilibrium;
 use crate::plant::bench::{PressedArm, PressedPlane};
 use crate::plant::state_of;

@@ -9,9 +9,9 @@
 
 use super::StabilityError;
 use super::complex::norm;
-use super::dual::Dual;
 use crate::model::arm_model::{ArmModel, dot};
 use crate::model::configuration::Surface;
+use crate::model::dual::Dual;
 use crate::model::dynamics;
 use crate::model::forward::Workspace;
 use crate::planner::plan::{Plan, Sampler};
@@ -77,7 +77,7 @@ impl OperatingPoint {
             offset_m: normal[0] * tip[0] + normal[1] * tip[1],
         };
 
-        let mut q = model.project_shape_from(planned, sampler.q());
+        let mut q = model.project_shape_from(planned, &sampler.q());
         let mut torque = point.torque;
         let angle = point.joint.angle;
         let rest = |model: &ArmModel, force, geometric| {
@@ -101,7 +101,7 @@ impl OperatingPoint {
         state.extend(q);
         let velocity = point.tip.velocity;
         state.push(along[0] * velocity[0] + along[1] * velocity[1]);
-        state.extend(model.project_shape_from(planned, sampler.q_rate()));
+        state.extend(model.project_shape_from(planned, &sampler.q_rate()));
         Ok(Self {
             t,
             surface,

@@ -17,7 +17,6 @@
 
 pub mod advice;
 mod complex;
-pub mod dual;
 pub mod linear;
 pub mod map;
 pub mod path;

@@ -294,8 +294,8 @@ fn starts(plan: &Plan, variant: &PlantVariant) -> Result<[Vec<f64>; 2], Stabilit
     let geometric = variant.parameters.geometric_stiffness.is_any();
     let (rest, _) = dynamics::equilibrium(model, point.joint.angle, plan.force_at(t), geometric)
         .ok_or(StabilityError::Buckled { t_s: t })?;
-    let q = model.project_shape_from(&plan.model, sampler.q());
-    let rate = model.project_shape_from(&plan.model, sampler.q_rate());
+    let q = model.project_shape_from(&plan.model, &sampler.q());
+    let rate = model.project_shape_from(&plan.model, &sampler.q_rate());
     let (n, m) = (q.len(), 1 + q.len());
     let mut still = vec![0.0; 2 * m];
     for i in 0..n {

@@ -1,6 +1,7 @@
 //! `arm.toml`: the arm and its drives.
 
 use super::{Check, ConfigError, pair, parse};
+use crate::model::link::{LinkDamping, LinkKind, LinkModel};
 use crate::planner::monitors::{default_monitors, planned_speed};
 use crate::planner::plan::Plan;
 use flexor::control::{LawParameters, LimitParameters};
@@ -15,6 +16,8 @@ pub struct ArmConfig {
     pub arm: ArmParameters,
     /// Elements of link 2 to plan with.
     pub elements: usize,
+    /// How link 2 bends and is damped.
+    pub link: LinkKind,
     /// The drives' limits, if the file has them.
     pub limits: Option<LimitParameters>,
     /// Thresholds of the monitors, as far as the file has them.
@@ -114,12 +117,61 @@ struct Link2File {
     bending_stiffness: f64,
     damping_ratio: f64,
     elements: u32,
+    model: Option<ModelFile>,
+    damping: Option<DampingFile>,
+    bending_damping_s: Option<f64>,
     #[serde(default)]
     root_inertia_kgm2: f64,
     #[serde(default)]
     tip_mass_kg: f64,
     #[serde(default)]
     tip_inertia_kgm2: f64,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum ModelFile {
+    Linear,
+    Geometric,
+}
+
+impl From<ModelFile> for LinkModel {
+    fn from(read: ModelFile) -> Self {
+        match read {
+            ModelFile::Linear => Self::Linear,
+            ModelFile::Geometric => Self::Geometric,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum DampingFile {
+    Modal,
+    Bending,
+}
+
+/// How link 2 is damped, if the file says so; `key` is the name of the retardation time.
+pub(super) fn link_damping(
+    check: &Check<'_>,
+    damping: Option<DampingFile>,
+    (key, time_s): (&str, Option<f64>),
+) -> Result<Option<LinkDamping>, ConfigError> {
+    let time_s = check.optional(key, time_s)?;
+    match (damping, time_s) {
+        (Some(DampingFile::Bending), time_s) => Ok(Some(LinkDamping::Bending { time_s })),
+        (Some(DampingFile::Modal), None) => Ok(Some(LinkDamping::Modal)),
+        (None, None) => Ok(None),
+        (_, Some(value)) => Err(ConfigError::OutOfRange {
+            file: check.file.to_string(),
+            field: key.to_string(),
+            value,
+            accepted: format!(
+                "it beside {} = \"bending\"",
+                key.replace("bending_damping_s", "damping")
+            ),
+        }),
+    }
 }
 
 #[derive(Deserialize)]
@@ -181,6 +233,15 @@ pub fn parse_arm(file: &str, text: &str) -> Result<ArmConfig, ConfigError> {
             },
         },
         elements: check.whole("link2.elements", link2.elements)? as usize,
+        link: LinkKind {
+            model: link2.model.map(LinkModel::from).unwrap_or_default(),
+            damping: link_damping(
+                &check,
+                link2.damping,
+                ("link2.bending_damping_s", link2.bending_damping_s),
+            )?
+            .unwrap_or_default(),
+        },
         limits: limits.transpose()?,
         monitors: read.monitors,
     })

@@ -1,7 +1,9 @@
 //! A plant file: how the simulated arm differs from the planned one.
 
+use super::arm::{DampingFile, ModelFile, link_damping};
 use super::{Check, ConfigError, optional_pair, parse};
 use crate::model::geometric_stiffness::GeometricStiffness;
+use crate::model::link::LinkModel;
 use crate::plant::PlantParameters;
 use crate::simulation::start::Start;
 use serde::de::Error;
@@ -27,6 +29,9 @@ struct PlantFile {
     coulomb_friction: Option<[f64; 2]>,
     #[serde(default, deserialize_with = "optional_stiffness")]
     geometric_stiffness: Option<GeometricStiffness>,
+    model: Option<ModelFile>,
+    damping: Option<DampingFile>,
+    bending_damping_s: Option<f64>,
     substeps: Option<u32>,
     start: Option<StartFile>,
 }
@@ -84,6 +89,12 @@ pub fn parse_plant(file: &str, text: &str) -> Result<(PlantParameters, Start), C
         tip_inertia_kgm2: check.optional("tip_inertia_kgm2", read.tip_inertia_kgm2)?,
         viscous_friction_nms_rad: pair("viscous_friction_Nms_rad", read.viscous_friction)?,
         coulomb_friction_nm: pair("coulomb_friction_Nm", read.coulomb_friction)?,
+        link_model: read.model.map(LinkModel::from),
+        link_damping: link_damping(
+            &check,
+            read.damping,
+            ("bending_damping_s", read.bending_damping_s),
+        )?,
         geometric_stiffness: read.geometric_stiffness.unwrap_or_default(),
         substeps: read
             .substeps

@@ -5,7 +5,7 @@ use super::{
     read_text,
 };
 use crate::planner::path::{LinePath, Profile};
-use crate::planner::task::{Task, Travel, Window};
+use crate::planner::task::{Ends, Task, Travel, Window};
 use crate::planner::tip_force::{ForceProfile, NormalForce, SurfaceFriction};
 use crate::text::one_line;
 use serde::de::{self, Visitor};
@@ -21,6 +21,8 @@ struct TaskFile {
     post_actuation_s: WindowFile,
     #[serde(default = "default_actuation_tolerance")]
     actuation_tolerance: f64,
+    #[serde(default)]
+    ends: EndsFile,
     path: PathFile,
     force: ForceFile,
     surface: Option<SurfaceFile>,
@@ -30,6 +32,23 @@ struct TaskFile {
 /// with a slope rate of 1e-6 rad/s instead of 1.3.
 pub(super) fn default_actuation_tolerance() -> f64 {
     1e-6
+}
+
+#[derive(Clone, Copy, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum EndsFile {
+    #[default]
+    Spectral,
+    Dirichlet,
+}
+
+impl From<EndsFile> for Ends {
+    fn from(read: EndsFile) -> Self {
+        match read {
+            EndsFile::Spectral => Self::Spectral,
+            EndsFile::Dirichlet => Self::Dirichlet,
+        }
+    }
 }
 
 #[derive(Deserialize)]
@@ -239,5 +258,6 @@ pub fn parse_task(file: &str, text: &str) -> Result<Task, ConfigError> {
             &read.post_actuation_s,
             tolerance,
         )?,
+        ends: read.ends.into(),
     })
 }

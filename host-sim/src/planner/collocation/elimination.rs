@@ -1,10 +1,11 @@
 //! The linear system of a Newton step, which is almost block diagonal: an interval's second
 //! derivatives are eliminated, then the chain of mesh points from left to right.
 
-use super::gauss::{ABSCISSAS, Method, STAGES};
 use super::newton::{Iterate, Solver};
 use super::{CollocationError, Problem};
+use crate::model::gauss::{ABSCISSAS, Method, STAGES};
 use nalgebra::{DMatrix, DVector};
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
 
 /// An interval after elimination of its second derivatives. Matrices have the columns
 /// of the corrections of `q` and rate at the left end, and 1.
@@ -23,43 +24,54 @@ struct Backward {
     next: DMatrix<f64>,
 }
 
-impl<P: Problem> Solver<'_, P> {
+impl<P: Problem + Sync> Solver<'_, P> {
     /// One Newton step; returns the largest correction as a multiple of what is
-    /// tolerated.
-    pub(super) fn step(&self, iterate: &mut Iterate) -> Result<f64, CollocationError> {
+    /// tolerated, and the share of it that was taken.
+    pub(super) fn step(&self, iterate: &mut Iterate) -> Result<(f64, f64), CollocationError> {
         let n = self.problem.functions();
         let intervals = iterate.stages.len();
         let singular = |i: usize| CollocationError::Singular {
             t_s: iterate.mesh[i],
         };
+        let all: Vec<Option<Eliminated>> = (0..intervals)
+            .into_par_iter()
+            .map(|i| self.eliminate(iterate, i))
+            .collect();
         let mut parts = Vec::with_capacity(intervals);
         let mut backward: Vec<Backward> = Vec::with_capacity(intervals);
-        // n conditions on the corrections at the current mesh point: (matrix, constant).
-        let mut conditions = DMatrix::zeros(n, 2 * n + 1);
-        conditions.fill_diagonal(1.0);
+        // Conditions on the corrections at the current mesh point: (matrix, constant).
+        let [begin, end] = self.ends;
+        let mut conditions = begin.matrix.clone().insert_column(2 * n, 0.0);
         conditions
             .column_mut(2 * n)
-            .copy_from(&(DVector::from_column_slice(self.ends[0]) - iterate.points[0].rows(0, n)));
-        for i in 0..intervals {
-            let part = self.eliminate(iterate, i).ok_or_else(|| singular(i))?;
+            .copy_from(&begin.defect(&iterate.points[0]));
+        for (i, part) in all.into_iter().enumerate() {
+            let part = part.ok_or_else(|| singular(i))?;
             backward.push(carry(&mut conditions, &part.right));
             parts.push(part);
         }
 
+        let carried = conditions.nrows();
         let mut matrix = DMatrix::zeros(2 * n, 2 * n);
         matrix
-            .rows_mut(0, n)
+            .rows_mut(0, carried)
             .copy_from(&conditions.columns(0, 2 * n));
-        matrix.rows_mut(n, n).fill_diagonal(1.0);
-        let mut next = DVector::zeros(2 * n);
-        next.rows_mut(0, n).copy_from(&conditions.column(2 * n));
-        next.rows_mut(n, n).copy_from(
-            &(DVector::from_column_slice(self.ends[1]) - iterate.points[intervals].rows(0, n)),
-        );
+        matrix
+            .rows_mut(carried, 2 * n - carried)
+            .copy_from(&end.matrix);
+        let mut next = DMatrix::zeros(2 * n, 1);
+        next.rows_mut(0, carried)
+            .copy_from(&conditions.column(2 * n));
+        next.rows_mut(carried, 2 * n - carried)
+            .copy_from(&end.defect(&iterate.points[intervals]));
+        equilibrate(&mut matrix, &mut next);
         if !matrix.lu().solve_mut(&mut next) {
             return Err(singular(intervals));
         }
 
+        // Corrections of the mesh points and stages, from the last one on.
+        let mut next: DVector<f64> = next.column(0).into_owned();
+        let mut corrections = Vec::with_capacity(intervals);
         let mut worst = 0.0_f64;
         for (i, (part, relation)) in parts.iter().zip(&backward).enumerate().rev() {
             let mut here = relation.next.column(2 * n) - relation.next.columns(0, 2 * n) * &next;
@@ -75,13 +87,44 @@ impl<P: Problem> Solver<'_, P> {
                     worst = size;
                 }
             }
-            iterate.points[i + 1] += next;
-            iterate.stages[i] += stages;
-            next = here;
+            corrections.push((core::mem::replace(&mut next, here), stages));
         }
-        iterate.points[0] += next;
+        corrections.reverse();
+        let share = self.admitted(iterate, &next, &corrections);
+        iterate.points[0] += next * share;
+        for (i, (point, stages)) in corrections.into_iter().enumerate() {
+            iterate.points[i + 1] += point * share;
+            iterate.stages[i] += stages * share;
+        }
         iterate.iterations += 1;
-        Ok(worst)
+        Ok((worst, share))
+    }
+
+    /// The share of a step, 1 or halves of it, with which the problem admits the mesh points.
+    fn admitted(
+        &self,
+        iterate: &Iterate,
+        first: &DVector<f64>,
+        others: &[(DVector<f64>, DVector<f64>)],
+    ) -> f64 {
+        /// With less nothing would be gained.
+        const LEAST: f64 = 1.0 / 64.0;
+        let n = self.problem.functions();
+        let steps = core::iter::once(first).chain(others.iter().map(|(point, _)| point));
+        let mut q = vec![0.0; n];
+        let mut share = 1.0;
+        for (point, step) in iterate.points.iter().zip(steps) {
+            loop {
+                for (q, (point, step)) in q.iter_mut().zip(point.iter().zip(step)) {
+                    *q = point + share * step;
+                }
+                if share <= LEAST || self.problem.admits(&q) {
+                    break;
+                }
+                share *= 0.5;
+            }
+        }
+        share
     }
 
     /// Eliminates interval `i`: linearised about the iterate, the corrections of the
@@ -89,39 +132,40 @@ impl<P: Problem> Solver<'_, P> {
     /// cannot.
     fn eliminate(&self, iterate: &Iterate, i: usize) -> Option<Eliminated> {
         let n = self.problem.functions();
-        let mass = self.problem.mass();
         let Method { once, twice, .. } = &self.method;
         let (t, h) = (iterate.mesh[i], iterate.mesh[i + 1] - iterate.mesh[i]);
-        let stages = &iterate.stages[i];
+        let stages = iterate.stages[i].as_slice();
         let mut system = DMatrix::zeros(STAGES * n, STAGES * n);
         let mut solved = DMatrix::zeros(STAGES * n, 2 * n + 1);
         let [mut q, mut rate, mut value] = [(); 3].map(|()| vec![0.0; n]);
-        let (mut by_q, mut by_rate) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
+        let mut derivatives = [(); 3].map(|()| DMatrix::zeros(n, n));
         for (j, x) in ABSCISSAS.iter().enumerate() {
             self.integrate(iterate, i, (j, *x), &mut q, &mut rate);
+            let motion = [&q[..], &rate, &stages[j * n..][..n]];
             self.problem
-                .linearise(t + x * h, &q, &rate, &mut value, &mut by_q, &mut by_rate);
+                .linearise(t + x * h, motion, &mut value, &mut derivatives);
+            let [by_q, by_rate, by_acceleration] = &derivatives;
             for column in 0..n {
+                let (by_q, by_rate) = (by_q.column(column), by_rate.column(column));
                 for s in 0..STAGES {
                     let (first, second) = (h * once[j][s], h * h * twice[j][s]);
+                    let mut own = system.view_mut((j * n, s * n + column), (n, 1));
                     for row in 0..n {
-                        let own = if s == j { mass[(row, column)] } else { 0.0 };
-                        system[(j * n + row, s * n + column)] =
-                            own - second * by_q[(row, column)] - first * by_rate[(row, column)];
+                        own[row] = second * by_q[row] + first * by_rate[row];
+                    }
+                    if s == j {
+                        own += by_acceleration.column(column);
                     }
                 }
                 for row in 0..n {
                     let line = j * n + row;
-                    solved[(line, column)] = by_q[(row, column)];
-                    solved[(line, n + column)] =
-                        x * h * by_q[(row, column)] + by_rate[(row, column)];
-                    // The residual f - A q''.
-                    value[row] -= mass[(row, column)] * stages[j * n + column];
+                    solved[(line, column)] = -by_q[row];
+                    solved[(line, n + column)] = -(x * h * by_q[row] + by_rate[row]);
                 }
             }
-            solved
-                .view_mut((j * n, 2 * n), (n, 1))
-                .copy_from_slice(&value);
+            for row in 0..n {
+                solved[(j * n + row, 2 * n)] = -value[row];
+            }
         }
         equilibrate(&mut system, &mut solved);
         if !system.lu().solve_mut(&mut solved) {
@@ -193,29 +237,28 @@ impl<P: Problem> Solver<'_, P> {
     }
 }
 
-/// Carries the n `conditions` on a mesh point's corrections, (matrix, constant), over an
+/// Carries `conditions` on a mesh point's corrections, (matrix, constant), over an
 /// interval with the relation `right` to the next mesh point, where they are left.
 fn carry(conditions: &mut DMatrix<f64>, right: &DMatrix<f64>) -> Backward {
-    let n = conditions.nrows();
+    let (k, n2) = (conditions.nrows(), right.nrows());
     // Rows: conditions; relation `next - right here = constant`. Columns: here | next, 1.
-    let mut here = DMatrix::zeros(3 * n, 2 * n);
-    let mut rest = DMatrix::zeros(3 * n, 2 * n + 1);
-    here.rows_mut(0, n).copy_from(&conditions.columns(0, 2 * n));
-    here.rows_mut(n, 2 * n).copy_from(&-right.columns(0, 2 * n));
-    rest.view_mut((n, 0), (2 * n, 2 * n)).fill_diagonal(1.0);
-    rest.view_mut((0, 2 * n), (n, 1))
-        .copy_from(&conditions.column(2 * n));
-    rest.view_mut((n, 2 * n), (2 * n, 1))
-        .copy_from(&right.column(2 * n));
+    let mut here = DMatrix::zeros(k + n2, n2);
+    let mut rest = DMatrix::zeros(k + n2, n2 + 1);
+    here.rows_mut(0, k).copy_from(&conditions.columns(0, n2));
+    here.rows_mut(k, n2).copy_from(&-right.columns(0, n2));
+    rest.view_mut((k, 0), (n2, n2)).fill_diagonal(1.0);
+    rest.view_mut((0, n2), (k, 1))
+        .copy_from(&conditions.column(n2));
+    rest.view_mut((k, n2), (n2, 1)).copy_from(&right.column(n2));
     equilibrate(&mut here, &mut rest);
     let lu = here.lu();
     lu.p().permute_rows(&mut rest);
     let lower = lu.l();
-    let mut solved = rest.rows(0, 2 * n).into_owned();
+    let mut solved = rest.rows(0, n2).into_owned();
     lower
-        .rows(0, 2 * n)
+        .rows(0, n2)
         .solve_lower_triangular_with_diag_mut(&mut solved, 1.0);
-    *conditions = rest.rows(2 * n, n) - lower.rows(2 * n, n) * &solved;
+    *conditions = rest.rows(n2, k) - lower.rows(n2, k) * &solved;
     Backward {
         upper: lu.u(),
         next: solved,

@@ -1,5 +1,23 @@
 //! Refinement: where a mesh is divided.
 
+/// The estimated `errors` of the intervals of `mesh`, none less than its neighbours' lead one to expect: an
+/// estimate may vanish by chance, between a positive and a negative one.
+pub(super) fn filled(mesh: &[f64], errors: &[f64]) -> Vec<f64> {
+    let length = |i: usize| mesh[i + 1] - mesh[i];
+    let expected = |i: usize| {
+        let ratio = length(i) * length(i) / (length(i - 1) * length(i + 1));
+        // Of order 6: their geometric mean, brought to its length.
+        libm::sqrt(errors[i - 1] * errors[i + 1]) * (ratio * ratio * ratio)
+    };
+    let within = 1..errors.len().saturating_sub(1);
+    (0..errors.len())
+        .map(|i| match within.contains(&i) {
+            true => errors[i].max(expected(i)),
+            false => errors[i],
+        })
+        .collect()
+}
+
 /// Divides all intervals in two.
 pub(super) fn halve(mesh: &[f64]) -> Vec<f64> {
     let halves = mesh.windows(2).flat_map(|m| [m[0], 0.5 * (m[0] + m[1])]);

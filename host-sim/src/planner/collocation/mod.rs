@@ -1,10 +1,10 @@
-//! Boundary-value problems `A q'' = f(t, q, q')` with Dirichlet ends, by collocation at
-//! six Gauss points an interval.
+//! Boundary-value problems `G(t, q, q', q'') = 0` with linear conditions at both ends, by collocation
+//! at six Gauss points an interval.
 //!
 //! The planner's problem has solutions that grow and decay over many orders of
 //! magnitude; no initial-value method survives them. Its fastest rates, 3e4 1/s with
-//! 12 elements, leave layers at the ends that are far thinner than the mesh that the
-//! motion itself needs, and its matrix `A` is nearly singular (its determinant is
+//! 12 elements, leave layers at ends that are held, far thinner than the mesh that the
+//! motion itself needs, and its matrix `dG/dq''` is nearly singular (its determinant is
 //! 2e-5 for 12 elements, its condition number 1e9). So:
 //!
 //! - **In an interval** the unknowns are the second derivatives at the Gauss points;
@@ -12,7 +12,7 @@
 //!   The second derivatives, from which torques come, so keep their own accuracy
 //!   instead of being differences of `q`. They are eliminated.
 //! - **Over the mesh** what is left is a chain of linear relations between `q` and rate
-//!   at neighbouring mesh points, with half of the conditions at either end. It is
+//!   at neighbouring mesh points, with some of the conditions at either end. It is
 //!   eliminated forwards, with pivoting over the conditions carried along and the
 //!   relation that follows: growing and decaying parts are told apart by the pivots.
 //! - **Newton's method** solves for corrections, whose right-hand sides are the
@@ -25,15 +25,14 @@
 //!   polynomials has not faded.
 
 mod elimination;
-mod gauss;
 mod mesh;
 mod newton;
 mod solution;
 
 pub use solution::Solution;
 
-use mesh::{halve, refine};
-use nalgebra::DMatrix;
+use mesh::{filled, halve, refine};
+use nalgebra::{DMatrix, DVector};
 use newton::Solver;
 
 /// Unknown functions times intervals beyond which refinement stops: what still looks
@@ -51,25 +50,29 @@ const ITERATIONS_MAX: usize = 20;
 /// Newton's method has stopped converging.
 const ROUNDING_MAX: f64 = 1e3;
 
-/// A second-order system with a constant, invertible matrix on its highest derivative.
+/// A system of second order, `G(t, q, q', q'') = 0`, in which `q''` is linear.
 pub trait Problem {
     /// Number `n` of unknown functions.
     fn functions(&self) -> usize;
 
-    /// The matrix `A`, n x n.
-    fn mass(&self) -> &DMatrix<f64>;
+    /// What Newton's method starts from: `q` at `t`, to `q` (n entries).
+    fn guess(&self, t: f64, q: &mut [f64]);
 
-    /// `f` at `t` for `q` and its rate (n entries each), into `value`, and its
-    /// derivatives by both, into n x n matrices (their former content is overwritten).
+    /// `G` at `t` for `q`, its rate and its acceleration (n entries each), to `value`, and its
+    /// derivatives by the three, to n x n matrices (their former content is overwritten). Not finite
+    /// where there is no `G`.
     fn linearise(
         &self,
         t: f64,
-        q: &[f64],
-        rate: &[f64],
+        q: [&[f64]; 3],
         value: &mut [f64],
-        by_q: &mut DMatrix<f64>,
-        by_rate: &mut DMatrix<f64>,
+        derivatives: &mut [DMatrix<f64>; 3],
     );
+
+    /// Whether there is a `G` at `q`: a step of Newton's method that would leave that is shortened.
+    fn admits(&self, _q: &[f64]) -> bool {
+        true
+    }
 
     /// Size of an error of `q` and one of `q''`, as multiples of what is tolerated.
     fn size(&self, q: &[f64], acceleration: &[f64]) -> f64;
@@ -77,6 +80,34 @@ pub trait Problem {
     /// Length of the shortest interval worth having, s. In shorter ones there is
     /// nothing left to resolve, and what looks like an error is rounding.
     fn resolution(&self) -> f64;
+}
+
+/// Conditions on the solution at an end of its time.
+#[derive(Clone, Debug)]
+pub struct Boundary {
+    /// One row a condition, on `q` and its rate: k x 2n. Both ends together have 2n.
+    pub matrix: DMatrix<f64>,
+    /// The `q` at rest, with which all conditions hold.
+    pub rest: Vec<f64>,
+}
+
+impl Boundary {
+    /// `q` is `rest`, whatever its rate.
+    pub fn held(rest: Vec<f64>) -> Self {
+        let n = rest.len();
+        let mut matrix = DMatrix::zeros(n, 2 * n);
+        matrix.fill_diagonal(1.0);
+        Self { matrix, rest }
+    }
+
+    /// How far `point`, `q` and its rate, is from meeting the conditions.
+    fn defect(&self, point: &DVector<f64>) -> DVector<f64> {
+        let mut off = -point.clone();
+        for (off, rest) in off.iter_mut().zip(&self.rest) {
+            *off += rest;
+        }
+        &self.matrix * off
+    }
 }
 
 /// Why no solution was found.
@@ -93,20 +124,25 @@ pub enum CollocationError {
     },
 }
 
-/// Solves `problem` on `[mesh[0], mesh[last]]` with `q` given at both ends.
+/// Solves `problem` on `[mesh[0], mesh[last]]` with the conditions `ends`.
 ///
-/// Starts on `mesh` (at least two ascending points) and divides intervals until the
-/// estimated error of each is tolerated.
+/// Starts on `mesh` (at least two ascending points), from the problem's guess or the solution of a
+/// like one, `from`, and divides intervals until the estimated error of each is tolerated.
 ///
 /// # Errors
 /// [`CollocationError`].
-pub fn solve(
-    problem: &impl Problem,
+pub fn solve<P: Problem + Sync>(
+    problem: &P,
     mesh: Vec<f64>,
-    ends: [&[f64]; 2],
+    ends: &[Boundary; 2],
+    from: Option<&Solution>,
 ) -> Result<Solution, CollocationError> {
     let solver = Solver::new(problem, ends);
-    let mut iterate = solver.first_guess(mesh);
+    let first = |mesh| match from {
+        Some(solution) => solver.transfer(solution, mesh),
+        None => solver.first_guess(mesh),
+    };
+    let mut iterate = first(mesh);
     let mut polished = false;
     let mut retries = 0;
     let intervals_max = UNKNOWNS_MAX / problem.functions().max(1);
@@ -120,7 +156,7 @@ pub fn solve(
             // A mesh too coarse for the layers can lead anywhere.
             Err(_) => {
                 retries += 1;
-                iterate = solver.first_guess(halve(&iterate.mesh));
+                iterate = first(halve(&iterate.mesh));
                 continue;
             }
         };
@@ -130,6 +166,7 @@ pub fn solve(
                 problem.size(&q, &acceleration)
             })
             .collect();
+        let errors = filled(&solution.mesh, &errors);
         let worst = errors.iter().fold(0.0, |m: f64, e| e.max(m));
         if !worst.is_finite() {
             return Err(CollocationError::Diverged);
@@ -163,7 +200,6 @@ mod tests {
     /// q'' = lambda^2 (q - sin t) - sin t + cubic (q^3 - sin^3 t): solution sin t plus
     /// boundary layers.
     struct Layers {
-        mass: DMatrix<f64>,
         lambda: f64,
         cubic: f64,
         tolerance: f64,
@@ -172,7 +208,6 @@ mod tests {
     impl Layers {
         fn new(lambda: f64, cubic: f64) -> Self {
             Self {
-                mass: DMatrix::from_element(1, 1, -2.0),
                 lambda,
                 cubic,
                 tolerance: 1e-9,
@@ -184,23 +219,23 @@ mod tests {
         fn functions(&self) -> usize {
             1
         }
-        fn mass(&self) -> &DMatrix<f64> {
-            &self.mass
+        fn guess(&self, t: f64, q: &mut [f64]) {
+            q[0] = t / 6.0;
         }
         fn linearise(
             &self,
             t: f64,
-            q: &[f64],
-            _: &[f64],
+            [q, _, acceleration]: [&[f64]; 3],
             value: &mut [f64],
-            by_q: &mut DMatrix<f64>,
-            by_rate: &mut DMatrix<f64>,
+            derivatives: &mut [DMatrix<f64>; 3],
         ) {
             let (s, square) = (t.sin(), self.lambda * self.lambda);
             let rest = self.cubic * (q[0].powi(3) - s.powi(3));
-            value[0] = -2.0 * (square * (q[0] - s) - s + rest);
-            by_q[(0, 0)] = -2.0 * (square + 3.0 * self.cubic * q[0] * q[0]);
-            by_rate[(0, 0)] = 0.0;
+            value[0] = 2.0 * (square * (q[0] - s) - s + rest - acceleration[0]);
+            let by_q = 2.0 * (square + 3.0 * self.cubic * q[0] * q[0]);
+            for (derivative, value) in derivatives.iter_mut().zip([by_q, 0.0, -2.0]) {
+                derivative[(0, 0)] = value;
+            }
         }
         fn size(&self, q: &[f64], _: &[f64]) -> f64 {
             q[0].abs() / self.tolerance
@@ -233,10 +268,15 @@ mod tests {
             .collect()
     }
 
+    fn held(ends: [f64; 2]) -> [Boundary; 2] {
+        ends.map(|q| Boundary::held(vec![q]))
+    }
+
     /// The linear problem on a given mesh, as it is.
     fn unrefined(lambda: f64, ends: [f64; 2], intervals: usize) -> Solution {
         let problem = Layers::new(lambda, 0.0);
-        let solver = Solver::new(&problem, [&ends[..1], &ends[1..]]);
+        let ends = held(ends);
+        let solver = Solver::new(&problem, &ends);
         let mut iterate = solver.first_guess(uniform(intervals));
         solver.step(&mut iterate).unwrap();
         solver.solution(&iterate)
@@ -246,8 +286,8 @@ mod tests {
     fn layers_are_resolved_and_the_estimate_covers_the_error() {
         for lambda in [3.0, 40.0, 1500.0, 1e5] {
             let problem = Layers::new(lambda, 0.0);
-            let right = [exact(lambda, 6.0)];
-            let solution = solve(&problem, uniform(8), [&[1.0], &right]).unwrap();
+            let ends = held([1.0, exact(lambda, 6.0)]);
+            let solution = solve(&problem, uniform(8), &ends, None).unwrap();
             let error = worst_error(&solution, |t| exact(lambda, t));
             let estimate = solution.error_estimate(|q| q[0].abs());
             assert!(error <= estimate, "{lambda}: {error:e} {estimate:e}");
@@ -305,14 +345,54 @@ mod tests {
     #[test]
     fn nonlinear_problems_converge() {
         let problem = Layers::new(2.0, 5.0);
-        let right = [6.0_f64.sin()];
-        let solution = solve(&problem, uniform(6), [&[0.0], &right]).unwrap();
+        let ends = held([0.0, 6.0_f64.sin()]);
+        let solution = solve(&problem, uniform(6), &ends, None).unwrap();
         assert!(worst_error(&solution, f64::sin) < 1e-9);
     }
 
     #[test]
     fn undefined_coefficients_are_an_error_and_no_panic() {
         let problem = Layers::new(f64::NAN, 0.0);
-        assert!(solve(&problem, uniform(6), [&[0.0], &[0.0]]).is_err());
+        assert!(solve(&problem, uniform(6), &held([0.0, 0.0]), None).is_err());
+    }
+
+    #[test]
+    fn conditions_without_growth_leave_no_layers() {
+        // At the beginning nothing that decays, at the end nothing that grows: of the solutions
+        // sin t + a exp(-lambda t) + b exp(lambda (t - 6)) that leaves the first, whatever the mesh.
+        let lambda = 1e5;
+        let problem = Layers::new(lambda, 0.0);
+        let ends = [(-1.0, 0.0, 1.0), (1.0, 6.0_f64.sin(), 6.0_f64.cos())];
+        // lambda q -+ q' is that part; here it is lambda sin t -+ cos t, said by a shifted rest.
+        let ends = ends.map(|(sign, value, rate)| Boundary {
+            matrix: DMatrix::from_row_slice(1, 2, &[lambda, sign * 1.0]),
+            rest: vec![value + sign * rate / lambda],
+        });
+        let solution = solve(&problem, uniform(12), &ends, None).unwrap();
+        assert!(solution.mesh().len() <= 25, "{}", solution.mesh().len());
+        assert!(worst_error(&solution, f64::sin) < 1e-9);
+    }
+
+    #[test]
+    fn ends_may_have_unlike_numbers_of_conditions() {
+        // Both conditions at the beginning: an initial-value problem.
+        let problem = Layers::new(1.0, 0.0);
+        let mut matrix = DMatrix::identity(2, 2);
+        matrix[(1, 0)] = 1.0;
+        let ends = [
+            // q = 0 and q + q' = 0.
+            Boundary {
+                matrix,
+                rest: vec![0.0],
+            },
+            Boundary {
+                matrix: DMatrix::zeros(0, 2),
+                rest: vec![0.0],
+            },
+        ];
+        let solution = solve(&problem, uniform(12), &ends, None).unwrap();
+        // sin t - (exp t - exp -t) / 2.
+        let exact = |t: f64| t.sin() - 0.5 * (t.exp() - (-t).exp());
+        assert!(worst_error(&solution, exact) < 1e-7);
     }
 }

@@ -1,7 +1,7 @@
 //! Newton's method on a given mesh.
 
-use super::gauss::{ABSCISSAS, COEFFICIENTS, Method, STAGES};
-use super::{CollocationError, ITERATIONS_MAX, Problem, ROUNDING_MAX, Solution};
+use super::{Boundary, CollocationError, ITERATIONS_MAX, Problem, ROUNDING_MAX, Solution};
+use crate::model::gauss::{ABSCISSAS, COEFFICIENTS, Method, STAGES};
 use nalgebra::DVector;
 
 /// Change after transfer from another mesh, as a multiple of the tolerated error, that
@@ -20,12 +20,12 @@ pub(super) struct Iterate {
 
 pub(super) struct Solver<'p, P> {
     pub(super) problem: &'p P,
-    pub(super) ends: [&'p [f64]; 2],
+    pub(super) ends: &'p [Boundary; 2],
     pub(super) method: Method,
 }
 
-impl<'p, P: Problem> Solver<'p, P> {
-    pub(super) fn new(problem: &'p P, ends: [&'p [f64]; 2]) -> Self {
+impl<'p, P: Problem + Sync> Solver<'p, P> {
+    pub(super) fn new(problem: &'p P, ends: &'p [Boundary; 2]) -> Self {
         Self {
             problem,
             ends,
@@ -33,16 +33,13 @@ impl<'p, P: Problem> Solver<'p, P> {
         }
     }
 
-    /// A straight line between the ends: it matters for the nonlinear terms alone.
+    /// The problem's guess, at rest.
     pub(super) fn first_guess(&self, mesh: Vec<f64>) -> Iterate {
         let n = self.problem.functions();
-        let (begin, end) = (mesh[0], mesh[mesh.len() - 1]);
-        let rate = |k: usize| (self.ends[1][k] - self.ends[0][k]) / (end - begin);
         let point = |t: &f64| {
-            DVector::from_fn(2 * n, |i, _| match i {
-                i if i < n => self.ends[0][i] + rate(i) * (t - begin),
-                i => rate(i - n),
-            })
+            let mut point = DVector::zeros(2 * n);
+            self.problem.guess(*t, &mut point.as_mut_slice()[..n]);
+            point
         };
         Iterate {
             points: mesh.iter().map(point).collect(),
@@ -52,16 +49,18 @@ impl<'p, P: Problem> Solver<'p, P> {
         }
     }
 
-    /// `solution` on another mesh.
+    /// `solution` on another mesh; beyond its own time as at its end.
     pub(super) fn transfer(&self, solution: &Solution, mesh: Vec<f64>) -> Iterate {
         let n = self.problem.functions();
         let [mut q, mut rate, mut acceleration] = [(); 3].map(|()| vec![0.0; n]);
         let mut hint = 0;
         let mut points = Vec::with_capacity(mesh.len());
         let mut stages = Vec::with_capacity(mesh.len() - 1);
+        let within = |t: f64| t.clamp(solution.mesh[0], solution.mesh[solution.mesh.len() - 1]);
         for i in 0..mesh.len() {
-            hint = solution.interval(mesh[i], hint);
-            solution.evaluate(mesh[i], hint, &mut q, &mut rate, &mut acceleration);
+            let t = within(mesh[i]);
+            hint = solution.interval(t, hint);
+            solution.evaluate(t, hint, &mut q, &mut rate, &mut acceleration);
             points.push(DVector::from_iterator(
                 2 * n,
                 q.iter().chain(&rate).copied(),
@@ -69,7 +68,7 @@ impl<'p, P: Problem> Solver<'p, P> {
             let Some(next) = mesh.get(i + 1) else { break };
             let mut values = DVector::zeros(STAGES * n);
             for (s, x) in ABSCISSAS.iter().enumerate() {
-                let t = mesh[i] + x * (next - mesh[i]);
+                let t = within(mesh[i] + x * (next - mesh[i]));
                 hint = solution.interval(t, hint);
                 solution.evaluate(t, hint, &mut q, &mut rate, &mut acceleration);
                 values.rows_mut(s * n, n).copy_from_slice(&acceleration);
@@ -94,9 +93,14 @@ impl<'p, P: Problem> Solver<'p, P> {
     ) -> Result<Solution, CollocationError> {
         let mut before = f64::INFINITY;
         for _ in 0..ITERATIONS_MAX {
-            let change = self.step(iterate)?;
+            let (change, share) = self.step(iterate)?;
             if !change.is_finite() {
                 return Err(CollocationError::Diverged);
+            }
+            if share < 1.0 {
+                // What is left is not told by a step cut short.
+                before = f64::INFINITY;
+                continue;
             }
             // Newton squares the error: what is left after this step is at most
             // change^2 / before, to be well below what is tolerated.

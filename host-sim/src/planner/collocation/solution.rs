@@ -1,7 +1,7 @@
 //! The solution as polynomials, one an interval, with an estimate of its error.
 
-use super::gauss::COEFFICIENTS;
-use nalgebra::DMatrix;
+use crate::model::gauss::COEFFICIENTS;
+use nalgebra::DVector;
 
 /// A piecewise polynomial solution.
 #[derive(Clone, Debug)]
@@ -67,15 +67,11 @@ impl Solution {
         }
     }
 
-    /// The solution for `matrix q` instead of `q`; `matrix` is square.
-    pub fn transformed(mut self, matrix: &DMatrix<f64>) -> Self {
+    /// The solution for `units q`, entry by entry, instead of `q`.
+    pub fn scaled(mut self, units: &DVector<f64>) -> Self {
         for polynomials in self.polynomials.chunks_exact_mut(self.size) {
-            let before = polynomials.to_vec();
-            for (i, polynomial) in polynomials.iter_mut().enumerate() {
-                *polynomial = core::array::from_fn(|power| {
-                    let terms = before.iter().enumerate();
-                    terms.map(|(j, c)| matrix[(i, j)] * c[power]).sum()
-                });
+            for (polynomial, unit) in polynomials.iter_mut().zip(units) {
+                *polynomial = polynomial.map(|c| c * unit);
             }
         }
         self

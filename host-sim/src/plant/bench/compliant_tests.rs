@@ -1,8 +1,9 @@
 //! The bench's plant as a whole.
 
 use crate::model::configuration::{State, Surface};
-use crate::model::dynamics;
+use crate::model::energy;
 use crate::model::geometric_stiffness::GeometricStiffness;
+use crate::model::link::LinkKind;
 use crate::plant::bench::lanes::Lanes;
 use crate::plant::bench::*;
 use crate::plant::*;
@@ -175,7 +176,9 @@ fn a_hard_surface_is_the_rigid_plants_constraint() {
             elements,
             ..PlantParameters::default()
         };
-        let model = rigid_parameters.model(&testing::PAPER).unwrap();
+        let model = rigid_parameters
+            .model(&testing::PAPER, LinkKind::default())
+            .unwrap();
         let angle = model
             .kinematics
             .inverse([0.7, 0.05], model.arm.elbow)
@@ -291,7 +294,7 @@ fn energy(
 ) -> f64 {
     let arm = 4 + 2 * model.dof();
     let further = &state[arm..];
-    let mut sum = dynamics::energy(model, State(&state[..arm]));
+    let mut sum = energy::energy(model, State(&state[..arm]));
     let contact = &parameters.contact;
     sum += 0.5 * contact.stiffness_n_m * reading.depth.max(0.0).powi(2);
     if contact.friction > 0.0 {

@@ -1,14 +1,15 @@
-//! The six Gauss-Legendre points of an interval, and integration of what is known there.
+//! The six Gauss-Legendre points of an interval, of time or of the link, and integration of what is
+//! known there.
 
 /// Gauss points of an interval.
-pub(super) const STAGES: usize = 6;
+pub(crate) const STAGES: usize = 6;
 
 /// Coefficients of `q` on an interval: its second derivative is a polynomial through
 /// the values at the Gauss points.
-pub(super) const COEFFICIENTS: usize = STAGES + 2;
+pub(crate) const COEFFICIENTS: usize = STAGES + 2;
 
 /// The six Gauss-Legendre points on [0, 1].
-pub(super) const ABSCISSAS: [f64; STAGES] = [
+pub(crate) const ABSCISSAS: [f64; STAGES] = [
     0.033_765_242_898_423_99,
     0.169_395_306_766_867_74,
     0.380_690_406_958_401_55,
@@ -18,17 +19,17 @@ pub(super) const ABSCISSAS: [f64; STAGES] = [
 ];
 
 /// The method's constants, for an interval of unit length.
-pub(super) struct Method {
+pub(crate) struct Method {
     /// `lagrange[j]`: coefficients, ascending, of the Lagrange polynomial of point j.
-    pub(super) lagrange: [[f64; STAGES]; STAGES],
+    pub(crate) lagrange: [[f64; STAGES]; STAGES],
     /// `once[s][j]`: its integral from 0 to point s; the last row to 1.
-    pub(super) once: [[f64; STAGES]; STAGES + 1],
+    pub(crate) once: [[f64; STAGES]; STAGES + 1],
     /// The same, integrated twice.
-    pub(super) twice: [[f64; STAGES]; STAGES + 1],
+    pub(crate) twice: [[f64; STAGES]; STAGES + 1],
 }
 
 impl Method {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let c = ABSCISSAS;
         let mut lagrange = [[0.0; STAGES]; STAGES];
         for (j, polynomial) in lagrange.iter_mut().enumerate() {

@@ -1,0 +1,157 @@
+//! The equations of motion of the arm with a bent link, for the forces that a motion takes.
+//!
+//! They are the Lagrange equations of the arm whose link 2 is at the places of
+//! [`crate::model::bending`]. With `delta = theta20 - theta10`, `c`, `s` its cosine and sine, the
+//! acceleration of joint 2 along n(theta20) and e(theta20) is `j_n = r1 (theta10'' c + theta10'^2 s)`,
+//! `j_e = r1 (theta10'' s - theta10'^2 c)`, and that of a section, less gravity,
+//!
+//! ```text
+//! A_n = X theta20'' + w_tt + 2 X_t theta20' - w theta20'^2 + j_n - g_n
+//! A_e = X_tt - w theta20'' - 2 w_t theta20' - X theta20'^2 + j_e - g_e
+//! ```
+//!
+//! (the tip's with `X = L`, `w = 0`). `S(s) = -(integral of A_e beyond s + m_t A_eL + f_e)` is the
+//! section force along the chord, tension positive; `M_r`, `M_t` are the moments that the root's and the
+//! tip's inertia take, `J (theta20'' + phi_tt)`; `E = dphi(0)/dw'(0)` in the root slope's row:
+//!
+//! ```text
+//! w:        <A_n N> + integral sigma S N' + bending + E M_r + tip's M_t         = E tau2
+//! theta20:  <X A_n - w A_e> + m_t L A_nL + L f_n + M_r + M_t                    = tau2
+//! theta10:  J1 theta10'' - (m1 r1/2) n1.g + r1 (c F_n + s F_e) + r1 n1.f        = tau1 - tau2
+//! ```
+//!
+//! with `F = <A> + m_t A_L`. f is the force of the tip on the surface; f_n does no work on the
+//! deflection, but f_e, the buckling load, is in S.
+
+use crate::model::arm_model::ArmModel;
+use crate::model::bending::Bent;
+use crate::model::configuration::Configuration;
+use crate::model::link::{LinkModel, POINTS};
+use flexor::model::JointMotion;
+use flexor::number::Real;
+
+/// The forces that a motion takes.
+#[derive(Clone, Debug)]
+pub(crate) struct Required<T> {
+    /// On the unknowns, of which joint 2 gives [`root`](Self::root) times its torque to the first: N m for
+    /// slopes, N for deflections.
+    pub(crate) elastic: Vec<T>,
+    /// What a torque of joint 2 is for the root's slope.
+    pub(crate) root: T,
+    /// Torques (tau1, tau2), N m.
+    pub(crate) torque: [T; 2],
+}
+
+impl<T: Real> Required<T> {
+    /// What is left of the unknowns' equations when joint 2 gives its torque: nothing for a motion that
+    /// the torques sustain.
+    pub(crate) fn residual(mut self) -> Vec<T> {
+        self.elastic[0] -= self.root * self.torque[1];
+        self.elastic
+    }
+}
+
+/// What the motion of `model`'s arm takes, with the link bent as `bent`, at the joint motion `joint`, with the tip
+/// pressing with `force` (N, inertial axes).
+pub(crate) fn required<T: Real>(
+    model: &ArmModel,
+    bent: &Bent<T>,
+    joint: &JointMotion<T>,
+    configuration: &Configuration<T>,
+    force: [T; 2],
+) -> Required<T> {
+    let mut elastic = vec![T::ZERO; bent.elastic.len()];
+    let (root, torque) = required_into(model, bent, joint, configuration, force, &mut elastic);
+    Required {
+        elastic,
+        root,
+        torque,
+    }
+}
+
+/// The same, with the unknowns' forces to `elastic`; what a torque of joint 2 is for the root's slope, and
+/// the torques.
+pub(crate) fn required_into<T: Real>(
+    model: &ArmModel,
+    bent: &Bent<T>,
+    joint: &JointMotion<T>,
+    configuration: &Configuration<T>,
+    force: [T; 2],
+    elastic: &mut [T],
+) -> (T, [T; 2]) {
+    let arm = &model.arm;
+    let link = &model.link;
+    let r1 = arm.link1_length_m;
+    let Configuration { c, s, g_n, g_e, .. } = *configuration;
+    let [rate1, rate2] = joint.rate;
+    let [acceleration1, acceleration2] = joint.acceleration;
+    let (squared1, squared2) = (rate1 * rate1, rate2 * rate2);
+    let twice2 = rate2 + rate2;
+    // Acceleration of joint 2, less gravity.
+    let joint_n = (acceleration1 * c + squared1 * s).scaled(r1) - g_n;
+    let joint_e = (acceleration1 * s - squared1 * c).scaled(r1) - g_e;
+
+    let n = link.dof();
+    let sections = &bent.sections;
+    let Bent {
+        chord: [length, length_t, length_tt],
+        root,
+        tip,
+        ..
+    } = *bent;
+    elastic.copy_from_slice(&bent.elastic);
+    let tip_n = length * acceleration2 + twice2 * length_t + joint_n;
+    let tip_e = length_tt - length * squared2 + joint_e;
+    let mut sum_n = tip_n.scaled(arm.tip_mass_kg);
+    let mut sum_e = tip_e.scaled(arm.tip_mass_kg);
+    let mut moment = length * (sum_n + configuration.along_n2(force));
+    // Force along the chord that is needed beyond an element, from the tip inwards.
+    let mut beyond = sum_e + configuration.along_e2(force);
+    for element in (0..sections.len() / POINTS).rev() {
+        let begin = element * POINTS;
+        let mut needed = [T::ZERO; POINTS];
+        for point in 0..POINTS {
+            let section = &sections[begin + point];
+            let ([w, w_t, w_tt], [x, x_t, x_tt]) = (section.off, section.along);
+            let a_n = x * acceleration2 + w_tt + twice2 * x_t - w * squared2 + joint_n;
+            let a_e = x_tt - w * acceleration2 - twice2 * w_t - x * squared2 + joint_e;
+            let (f_n, f_e) = (a_n.scaled(link.mass[point]), a_e.scaled(link.mass[point]));
+            moment += x * f_n - w * f_e;
+            sum_n += f_n;
+            needed[point] = f_e;
+            let functions = &link.sections[begin + point];
+            let rows = &mut elastic[functions.first..][..functions.count];
+            for (row, f) in rows.iter_mut().zip(functions.value()) {
+                *row += f_n.scaled(*f);
+            }
+        }
+        if link.kind.model == LinkModel::Geometric {
+            for point in 0..POINTS {
+                // The transpose of the integral that lays the sections along the chord.
+                let mut pull = beyond.scaled(link.whole[point]);
+                for (f_e, weights) in needed.iter().zip(&link.partial) {
+                    pull += f_e.scaled(weights[point]);
+                }
+                let pull = sections[begin + point].shortening * pull;
+                let functions = &link.sections[begin + point];
+                let rows = &mut elastic[functions.first..][..functions.count];
+                for (row, f) in rows.iter_mut().zip(functions.slope()) {
+                    *row -= pull.scaled(*f);
+                }
+            }
+        }
+        let own = needed.iter().fold(T::ZERO, |sum, f_e| sum + *f_e);
+        beyond += own;
+        sum_e += own;
+    }
+    let turned = |inertia: f64, angle: [T; 3]| (acceleration2 + angle[2]).scaled(inertia);
+    let root_moment = turned(arm.root_inertia_kgm2, root.angle);
+    let tip_moment = turned(arm.tip_inertia_kgm2, tip.angle);
+    elastic[0] += root.by_slope * root_moment;
+    elastic[n - 1] += tip.by_slope * tip_moment;
+    let tau2 = moment + root_moment + tip_moment;
+    let of_link1 = acceleration1.scaled(model.link1_inertia)
+        - configuration.g_n1.scaled(0.5 * arm.link1_mass_kg * r1);
+    let tau1 = of_link1 + (c * sum_n + s * sum_e + configuration.along_n1(force)).scaled(r1) + tau2;
+    (root.by_slope, [tau1, tau2])
+}
