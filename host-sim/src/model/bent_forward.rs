@@ -11,7 +11,7 @@
 use crate::model::arm_model::ArmModel;
 use crate::model::bending::{Bent, Given};
 use crate::model::configuration::{Configuration, State, Surface};
-use crate::model::link::{LinkModel, POINTS};
+use crate::model::link::{Link, LinkModel, POINTS};
 use crate::model::link_dynamics::required_into;
 use flexor::model::JointMotion;
 use flexor::number::Real;
@@ -30,6 +30,17 @@ pub struct BentArm<T> {
     acceleration: Vec<T>,
     /// The contact's row J, then the accelerations that a force of 1 N takes away.
     contact: [Vec<T>; 2],
+}
+
+/// First moments of an element.
+struct Moments<T> {
+    /// Its mass, kg.
+    mass: f64,
+    /// Of its points' places along the chord and off it, kg m.
+    along: T,
+    off: T,
+    /// Of what its own unknowns draw its points by.
+    draw: [T; 4],
 }
 
 /// Place of row `i` in a lower triangle.
@@ -179,99 +190,105 @@ impl<T: Real> BentArm<T> {
 
     /// The mass matrix, and how far the unknowns draw the tip.
     fn fill_mass(&mut self, model: &ArmModel, configuration: &Configuration<T>) {
-        let arm = &model.arm;
-        let link = &model.link;
-        let bends = link.kind.model == LinkModel::Geometric;
-        let (sway, surge) = (
-            configuration.c.scaled(arm.link1_length_m),
-            configuration.s.scaled(arm.link1_length_m),
-        );
-        let mass = &mut self.mass;
-        mass.fill(T::ZERO);
-        mass[0] = T::from_f64(model.link1_inertia);
+        let r1 = model.arm.link1_length_m;
+        let joint2 = [configuration.c.scaled(r1), configuration.s.scaled(r1)];
+        self.mass.fill(T::ZERO);
+        self.mass[0] = T::from_f64(model.link1_inertia);
         self.drawn.fill(T::ZERO);
-        for element in 0..self.bent.sections.len() / POINTS {
-            let begin = element * POINTS;
-            let (first, count) = (link.sections[begin].first, link.sections[begin].count);
-            // Of the element: mass, and its moments of place and deflection.
-            let (mut whole, mut along, mut off) = (0.0, T::ZERO, T::ZERO);
-            // Of what the element itself draws: first moments, and products.
-            let mut draws = [[T::ZERO; 4]; POINTS];
-            if bends {
-                for (point, draws) in draws.iter_mut().enumerate() {
-                    for (weight, from) in link.partial[point].iter().zip(begin..) {
-                        let shortening = self.bent.sections[from].shortening.scaled(*weight);
-                        for (d, f) in draws.iter_mut().zip(link.sections[from].slope()) {
-                            *d -= shortening.scaled(*f);
-                        }
-                    }
-                }
+        for begin in (0..self.bent.sections.len()).step_by(POINTS) {
+            let moments = self.add_element(&model.link, joint2, begin);
+            if model.link.kind.model == LinkModel::Geometric {
+                self.add_drawn(&model.link, joint2[1], begin, &moments);
             }
-            for point in 0..POINTS {
-                let section = &self.bent.sections[begin + point];
-                let own = link.sections[begin + point].value();
-                let dm = link.mass[point];
-                let ([w, ..], [x, ..]) = (section.off, section.along);
-                let (dm_w, dm_x) = (w.scaled(dm), x.scaled(dm));
-                whole += dm;
-                along += dm_x;
-                off += dm_w;
-                mass[2] += x * dm_x + w * dm_w;
-                let draw = &draws[point];
-                for i in 0..count {
-                    let line = row(2 + first + i);
-                    // With joints 1 and 2, without what earlier elements draw.
-                    mass[line] += (sway.scaled(own[i]) + surge * draw[i]).scaled(dm);
-                    mass[line + 1] += dm_x.scaled(own[i]) - dm_w * draw[i];
-                    for j in 0..=i {
-                        let across = dm * own[i] * own[j];
-                        mass[line + 2 + first + j] +=
-                            T::from_f64(across) + (draw[i] * draw[j]).scaled(dm);
-                    }
-                }
-            }
-            mass[0] += (sway * sway + surge * surge).scaled(whole);
-            mass[1] += sway * along - surge * off;
-            if !bends {
-                continue;
-            }
-            // With what earlier elements draw, the same at all points of this one.
-            let mut moment = [T::ZERO; 4];
-            for (draw, dm) in draws.iter().zip(&link.mass) {
-                for (moment, draw) in moment.iter_mut().zip(draw) {
-                    *moment += draw.scaled(*dm);
-                }
-            }
-            let reached = first + count;
-            for i in 0..reached {
-                let drawn = self.drawn[i];
-                let line = row(2 + i);
-                mass[line] += (surge * drawn).scaled(whole);
-                mass[line + 1] -= off * drawn;
-                let scaled = drawn.scaled(whole);
-                for j in 0..=i {
-                    mass[line + 2 + j] += scaled * self.drawn[j];
-                }
-                // The element's own part of i with the drawn of all up to it, and the other way round.
-                if let Some(own) = i.checked_sub(first) {
-                    for j in 0..=i {
-                        mass[line + 2 + j] += moment[own] * self.drawn[j];
-                    }
-                }
-                for (own, moment) in moment.iter().enumerate().take(count) {
-                    if first + own <= i {
-                        mass[line + 2 + first + own] += drawn * *moment;
-                    }
-                }
-            }
-            for (weight, from) in link.whole.iter().zip(begin..) {
+        }
+        self.add_ends(model, joint2);
+    }
+
+    /// How far the unknowns of the element whose first point is `begin` draw its points along the chord: `-P`
+    /// without what earlier elements do.
+    fn own_draws(&self, link: &Link, begin: usize) -> [[T; 4]; POINTS] {
+        let mut draws = [[T::ZERO; 4]; POINTS];
+        if link.kind.model == LinkModel::Linear {
+            return draws;
+        }
+        for (draws, weights) in draws.iter_mut().zip(&link.partial) {
+            for (weight, from) in weights.iter().zip(begin..) {
                 let shortening = self.bent.sections[from].shortening.scaled(*weight);
-                for (i, f) in (first..).zip(link.sections[from].slope()) {
-                    self.drawn[i] -= shortening.scaled(*f);
+                for (d, f) in draws.iter_mut().zip(link.sections[from].slope()) {
+                    *d -= shortening.scaled(*f);
                 }
             }
         }
-        self.add_ends(model, [sway, surge]);
+        draws
+    }
+
+    /// Adds an element's points, but for what earlier elements draw them by.
+    fn add_element(&mut self, link: &Link, [sway, surge]: [T; 2], begin: usize) -> Moments<T> {
+        let (first, count) = (link.sections[begin].first, link.sections[begin].count);
+        let draws = self.own_draws(link, begin);
+        let mut moments = Moments {
+            mass: 0.0,
+            along: T::ZERO,
+            off: T::ZERO,
+            draw: [T::ZERO; 4],
+        };
+        let mass = &mut self.mass;
+        for (point, draw) in draws.iter().enumerate() {
+            let section = &self.bent.sections[begin + point];
+            let own = link.sections[begin + point].value();
+            let dm = link.mass[point];
+            let ([w, ..], [x, ..]) = (section.off, section.along);
+            let (dm_w, dm_x) = (w.scaled(dm), x.scaled(dm));
+            moments.mass += dm;
+            moments.along += dm_x;
+            moments.off += dm_w;
+            mass[2] += x * dm_x + w * dm_w;
+            for i in 0..count {
+                moments.draw[i] += draw[i].scaled(dm);
+                let line = row(2 + first + i);
+                mass[line] += (sway.scaled(own[i]) + surge * draw[i]).scaled(dm);
+                mass[line + 1] += dm_x.scaled(own[i]) - dm_w * draw[i];
+                for j in 0..=i {
+                    let across = T::from_f64(dm * own[i] * own[j]);
+                    mass[line + 2 + first + j] += across + (draw[i] * draw[j]).scaled(dm);
+                }
+            }
+        }
+        mass[0] += (sway * sway + surge * surge).scaled(moments.mass);
+        mass[1] += sway * moments.along - surge * moments.off;
+        moments
+    }
+
+    /// Adds what earlier elements draw an element with these `moments` by, the same at all its points; then
+    /// what its own unknowns draw all that is beyond it.
+    fn add_drawn(&mut self, link: &Link, surge: T, begin: usize, moments: &Moments<T>) {
+        let (first, count) = (link.sections[begin].first, link.sections[begin].count);
+        let mass = &mut self.mass;
+        for i in 0..first + count {
+            let drawn = self.drawn[i];
+            let line = row(2 + i);
+            let whole = drawn.scaled(moments.mass);
+            mass[line] += surge * whole;
+            mass[line + 1] -= moments.off * drawn;
+            for j in 0..=i {
+                mass[line + 2 + j] += whole * self.drawn[j];
+            }
+            // The element's own draws with those of all before, and the other way round.
+            if let Some(own) = i.checked_sub(first) {
+                for j in 0..=i {
+                    mass[line + 2 + j] += moments.draw[own] * self.drawn[j];
+                }
+            }
+            for (j, moment) in (first..=i).zip(&moments.draw[..count]) {
+                mass[line + 2 + j] += drawn * *moment;
+            }
+        }
+        for (weight, from) in link.whole.iter().zip(begin..) {
+            let shortening = self.bent.sections[from].shortening.scaled(*weight);
+            for (i, f) in (first..).zip(link.sections[from].slope()) {
+                self.drawn[i] -= shortening.scaled(*f);
+            }
+        }
     }
 
     /// Adds tip mass, root and tip inertia to the mass matrix.

@@ -203,43 +203,6 @@ impl<const N: usize> Real for Dual<N> {
     }
 }
 
-#[cfg(feature = "bench")]
-impl<const N: usize> crate::plant::bench::lanes::Lanes for Dual<N> {
-    const LANES: usize = 1;
-    type Mask = bool;
-
-    #[inline]
-    fn from_lanes(mut value: impl FnMut(usize) -> f64) -> Self {
-        Self::from_f64(value(0))
-    }
-
-    #[inline]
-    fn lane(self, _: usize) -> f64 {
-        self.value()
-    }
-
-    #[inline]
-    fn below(self, other: Self) -> bool {
-        self < other
-    }
-
-    #[inline]
-    fn select(mask: bool, yes: Self, no: Self) -> Self {
-        if mask { yes } else { no }
-    }
-
-    #[inline]
-    fn absolute(self) -> Self {
-        self.magnitude()
-    }
-
-    /// The quarter turns that an argument is brought down by have no derivative.
-    #[inline]
-    fn sin_cos(self) -> (Self, Self) {
-        (self.sin(), self.cos())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

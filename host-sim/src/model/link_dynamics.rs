@@ -26,7 +26,7 @@
 use crate::model::arm_model::ArmModel;
 use crate::model::bending::Bent;
 use crate::model::configuration::Configuration;
-use crate::model::link::{LinkModel, POINTS};
+use crate::model::link::{Link, LinkModel, POINTS};
 use flexor::model::JointMotion;
 use flexor::number::Real;
 
@@ -126,19 +126,7 @@ pub(crate) fn required_into<T: Real>(
             }
         }
         if link.kind.model == LinkModel::Geometric {
-            for point in 0..POINTS {
-                // The transpose of the integral that lays the sections along the chord.
-                let mut pull = beyond.scaled(link.whole[point]);
-                for (f_e, weights) in needed.iter().zip(&link.partial) {
-                    pull += f_e.scaled(weights[point]);
-                }
-                let pull = sections[begin + point].shortening * pull;
-                let functions = &link.sections[begin + point];
-                let rows = &mut elastic[functions.first..][..functions.count];
-                for (row, f) in rows.iter_mut().zip(functions.slope()) {
-                    *row -= pull.scaled(*f);
-                }
-            }
+            pull(link, bent, begin, beyond, &needed, elastic);
         }
         let own = needed.iter().fold(T::ZERO, |sum, f_e| sum + *f_e);
         beyond += own;
@@ -154,4 +142,29 @@ pub(crate) fn required_into<T: Real>(
         - configuration.g_n1.scaled(0.5 * arm.link1_mass_kg * r1);
     let tau1 = of_link1 + (c * sum_n + s * sum_e + configuration.along_n1(force)).scaled(r1) + tau2;
     (root.by_slope, [tau1, tau2])
+}
+
+/// Takes off the `elastic` forces what the section force along the chord does in the element whose first
+/// point is `begin`, with the force `beyond` needed beyond it, and `needed` at its points, N.
+fn pull<T: Real>(
+    link: &Link,
+    bent: &Bent<T>,
+    begin: usize,
+    beyond: T,
+    needed: &[T; POINTS],
+    elastic: &mut [T],
+) {
+    for point in 0..POINTS {
+        // The transpose of the integral that lays the sections along the chord.
+        let mut pull = beyond.scaled(link.whole[point]);
+        for (f_e, weights) in needed.iter().zip(&link.partial) {
+            pull += f_e.scaled(weights[point]);
+        }
+        let pull = bent.sections[begin + point].shortening * pull;
+        let functions = &link.sections[begin + point];
+        let rows = &mut elastic[functions.first..][..functions.count];
+        for (row, f) in rows.iter_mut().zip(functions.slope()) {
+            *row -= pull.scaled(*f);
+        }
+    }
 }

@@ -185,11 +185,6 @@ impl Plan {
         (self.solution.mesh().len() - 1, self.solution.iterations)
     }
 
-    /// Mesh of the boundary-value problem, s from the path's start.
-    pub fn mesh(&self) -> &[f64] {
-        self.solution.mesh()
-    }
-
     /// Time of a tick, s from the path's start.
     pub fn time(&self, tick: u32) -> f64 {
         (f64::from(tick) - f64::from(self.pre_ticks)) / f64::from(self.tick_rate_hz)

@@ -78,10 +78,24 @@ impl RestZeros {
         sizes.fold(0.0, f64::max)
     }
 
-    /// Angular frequency of the fastest zero that swings more than it grows or decays, rad/s; 0 for none.
+    /// Angular frequency of the fastest vibration, rad/s: of a zero that swings, and decays without one
+    /// that grows as it does, as a tip inertia makes them; 0 where there is none.
     pub(super) fn swing(&self) -> f64 {
-        let swinging = self.zeros.iter().filter(|zero| zero.im > zero.re.abs());
-        swinging.map(|zero| zero.im).fold(0.0, f64::max)
+        /// A vibration's zero is so much farther from the real axis than from the other.
+        const RATIO: f64 = 2.0;
+        /// Share of its size within which it has a counterpart.
+        const NEAR: f64 = 0.3;
+        let distance = |a: &Complex<f64>, b: &Complex<f64>| libm::hypot(a.re + b.re, a.im - b.im);
+        let alone = |zero: &&Complex<f64>| {
+            let near = NEAR * libm::hypot(zero.re, zero.im);
+            zero.im > RATIO * zero.re.abs()
+                && !self.zeros.iter().any(|other| distance(zero, other) < near)
+        };
+        if self.growing() == self.decaying() {
+            return 0.0;
+        }
+        let swinging = self.zeros.iter().filter(alone).map(|zero| zero.im);
+        swinging.fold(0.0, f64::max)
     }
 
     /// Conditions on `y`, one a row, that leave only what grows, or only what decays: an orthonormal basis

@@ -7,6 +7,7 @@
 //! value. Where the physics has cases (contact or none, sticking or sliding) both are computed
 //! and one is taken, by [`Lanes::select`].
 
+use crate::model::dual::Dual;
 use flexor::number::Real;
 
 /// A number with one or more lanes, comparison lane by lane, and choice without a branch.
@@ -156,6 +157,42 @@ impl Lanes for f64 {
     #[inline]
     fn absolute(self) -> Self {
         self.abs()
+    }
+}
+
+impl<const N: usize> Lanes for Dual<N> {
+    const LANES: usize = 1;
+    type Mask = bool;
+
+    #[inline]
+    fn from_lanes(mut value: impl FnMut(usize) -> f64) -> Self {
+        Self::from_f64(value(0))
+    }
+
+    #[inline]
+    fn lane(self, _: usize) -> f64 {
+        self.value()
+    }
+
+    #[inline]
+    fn below(self, other: Self) -> bool {
+        self < other
+    }
+
+    #[inline]
+    fn select(mask: bool, yes: Self, no: Self) -> Self {
+        if mask { yes } else { no }
+    }
+
+    #[inline]
+    fn absolute(self) -> Self {
+        Real::magnitude(self)
+    }
+
+    /// The quarter turns that an argument is brought down by have no derivative.
+    #[inline]
+    fn sin_cos(self) -> (Self, Self) {
+        (Real::sin(self), Real::cos(self))
     }
 }
 
