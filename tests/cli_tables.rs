@@ -34,7 +34,10 @@ fn a_table_that_would_command_something_else_is_refused() {
         "task.toml",
         TASK,
         &[
-            ("duration_s = 2.0", "duration_s = 0.27"),
+            (
+                "duration_s = 2.0",
+                "duration_s = 0.27\nends = \"dirichlet\"",
+            ),
             ("pre_actuation_s = 0.0", "pre_actuation_s = \"auto\""),
         ],
     );

@@ -5,11 +5,13 @@
 #![allow(clippy::disallowed_methods)]
 
 use flexor::model::{ArmParameters, Elbow};
+use flexor_sim::model::configuration::{State, Surface};
+use flexor_sim::model::energy::energy;
 use flexor_sim::model::link::{LinkDamping, LinkKind, LinkModel};
 use flexor_sim::planner::plan::{Plan, PlanOptions};
 use flexor_sim::planner::planning::plan;
 use flexor_sim::planner::task::{Ends, Task, Window};
-use flexor_sim::plant::PlantParameters;
+use flexor_sim::plant::{Plant, PlantParameters};
 use flexor_sim::simulation::start::{Start, plant_for};
 use flexor_tests::{RefTable, fast_task, paper_arm, paper_task};
 use std::cell::RefCell;
@@ -258,4 +260,90 @@ fn plans_begin_and_end_at_rest_whatever_the_elements_and_inertias() {
             assert!((peak / peaks[0] - 1.0).abs() < 1e-3, "{peaks:?}");
         }
     }
+}
+
+#[test]
+fn links_that_bend_too_far_are_refused_by_time_and_place() {
+    let soft = ArmParameters {
+        bending_stiffness_nm2: 0.05,
+        ..paper_arm()
+    };
+    let refused = plan(&soft, &slow(), &options(3, MODAL)).unwrap_err();
+    let words = refused.to_string();
+    assert!(
+        words.contains("72 degrees") && words.contains("t = "),
+        "{words}"
+    );
+    // Twice as soft as the paper's is bent by more than 0.5 rad, and planned.
+    let softer = ArmParameters {
+        bending_stiffness_nm2: 0.24,
+        ..paper_arm()
+    };
+    let plan = geometric(&softer, &slow(), 3, MODAL);
+    let steepest = plan
+        .points
+        .iter()
+        .fold(0.0_f64, |m, p| m.max(p.root_slope.abs()));
+    assert!((0.4..1.2).contains(&steepest), "{steepest} rad");
+    let [force, _, tip] = drive(&plan, &own(3), Start::PlanMoving);
+    assert!(force < 1e-5 && tip < 1e-8, "{force:e} N, {tip:e} m");
+}
+
+#[test]
+fn a_point_that_only_a_straight_link_reaches_is_refused() {
+    let mut task = slow();
+    // 1.05 m away is the stretched arm; the bent link's chord is 2.5 mm shorter.
+    task.path.from = [1.0485, 0.05];
+    task.path.to = [0.9, 0.05];
+    let refused = plan(&paper_arm(), &task, &options(3, MODAL)).unwrap_err();
+    let words = refused.to_string();
+    assert!(
+        words.contains("unreachable") && words.contains("1.0485"),
+        "{words}"
+    );
+}
+
+#[test]
+fn free_motion_keeps_its_energy() {
+    let arm = ArmParameters {
+        damping_ratio: 0.0,
+        root_inertia_kgm2: 2e-5,
+        tip_mass_kg: 0.03,
+        tip_inertia_kgm2: 3e-5,
+        ..paper_arm()
+    };
+    let drift = |substeps| {
+        let parameters = PlantParameters {
+            elements: 3,
+            link_model: Some(LinkModel::Geometric),
+            substeps: Some(substeps),
+            ..PlantParameters::default()
+        };
+        let model = parameters.model(&arm, LinkKind::default()).unwrap();
+        let surface = Surface {
+            normal: [0.0, 1.0],
+            offset_m: 0.05,
+        };
+        let angle = model.kinematics.inverse([0.6, 0.05], arm.elbow).unwrap();
+        let mut state = [angle.to_vec(), vec![1.0, 0.5]].concat();
+        // Slopes of some 0.3 rad in the two lowest modes, let go.
+        state.extend((0..6).map(|i| [0.012, 1e-3, 0.0, 0.0, 0.0, 0.0][i]));
+        state.extend([0.0; 6]);
+        let mut plant =
+            Plant::new(model.clone(), &parameters, surface, 2e-4, state.clone()).unwrap();
+        plant.set_state(&state);
+        let begin = energy(&model, State(plant.state()));
+        let mut worst = 0.0_f64;
+        for _ in 0..5000 {
+            plant.advance([0.0; 2]);
+            worst = worst.max((energy(&model, State(plant.state())) - begin).abs());
+            assert!(plant.constraint().abs() < 1e-12);
+        }
+        worst / begin.abs()
+    };
+    let [coarse, fine] = [1, 4].map(drift);
+    assert!(
+        fine < 1e-9 && fine < 0.1 * coarse.max(1e-11),
+        "{coarse:e} {fine:e}"
+    );
 }

@@ -258,6 +258,7 @@ fn a_plan_too_fast_for_its_ticks_is_refused_with_figure_and_remedy() {
     };
     let mut task = from_rest(Window::Fixed(0.0));
     task.path.duration = 0.25;
+    task.ends = Ends::Dirichlet;
     let fast = plan(&swinging, &task, &options(6, 5000)).unwrap();
     let error = fit_table(&fast).unwrap_err();
     let TableFitError::Inexact {

@@ -6,6 +6,7 @@ use flexor_sim::campaign::setup::BenchSetup;
 use flexor_sim::files::config;
 use flexor_sim::model::configuration::Surface;
 use flexor_sim::model::geometric_stiffness::GeometricStiffness;
+use flexor_sim::model::link::{LinkKind, LinkModel};
 use flexor_sim::planner::limits::default_limits;
 use flexor_sim::planner::monitors::default_monitors;
 use flexor_sim::planner::plan::{Plan, PlanOptions};
@@ -27,12 +28,51 @@ fn main() {
 }
 
 fn paper(duration: f64) -> Plan {
+    paper_with(duration, &PlanOptions::default())
+}
+
+fn paper_with(duration: f64, options: &PlanOptions) -> Plan {
     let arm = config::parse_arm("example", config::DEFAULT_ARM)
         .expect("valid")
         .arm;
     let mut task = config::parse_task("example", config::DEFAULT_TASK).expect("valid");
     task.path.duration = duration;
-    plan(&arm, &task, &PlanOptions::default()).expect("a plan")
+    plan(&arm, &task, options).expect("a plan")
+}
+
+/// With the geometrically exact link in `elements` elements.
+fn geometric(elements: usize) -> PlanOptions {
+    PlanOptions {
+        elements,
+        link: LinkKind {
+            model: LinkModel::Geometric,
+            ..LinkKind::default()
+        },
+        ..PlanOptions::default()
+    }
+}
+
+/// The plan for 2 s with the geometrically exact link.
+#[divan::bench(args = [3, 4, 8])]
+fn plan_the_papers_path_geometrically(elements: usize) -> Plan {
+    paper_with(2.0, &geometric(divan::black_box(elements)))
+}
+
+/// The plant with the geometrically exact link alone: 2 s at 5 kHz ticks, single thread.
+#[divan::bench(args = [3, 4, 8])]
+fn simulate_2_s_geometrically(bencher: divan::Bencher<'_, '_>, elements: usize) {
+    let plan = paper_with(2.0, &geometric(3));
+    let parameters = PlantParameters {
+        elements,
+        ..PlantParameters::default()
+    };
+    bencher.bench(|| {
+        let mut plant = plant_for(&plan, &parameters, Start::Equilibrium).expect("a plant");
+        for point in &plan.points {
+            plant.advance(point.torque);
+        }
+        plant
+    });
 }
 
 /// The whole plan at 5 kHz rows, for the paper's duration of 2 s and longer ones.

@@ -13,8 +13,8 @@ use std::io::{self, Write};
 
 /// Writes a plan as CSV, one row a tick: time, angles, nodal deflections and slopes
 /// (in the order of [`flexor::model`]; slopes of the geometric model are sines of section angles), the
-/// section angle at link 2's root and its rate, the chord's length, torques, then rates, tip position, joint powers, the normal force and the friction that the plan
-/// counts on.
+/// rate of the section angle at link 2's root, torques, then rates, tip position, joint powers, the
+/// normal force, the friction that the plan counts on, the section angle at the root and the chord's length.
 ///
 /// # Errors
 /// The writer's.
@@ -27,9 +27,7 @@ pub fn plan_csv(plan: &Plan, writer: impl Write) -> io::Result<()> {
     header.extend((0..n).map(|i| format!("w{i}")));
     header.extend(
         [
-            "root_slope_rad",
             "root_slope_rate_rad_s",
-            "chord_m",
             "tau1_Nm",
             "tau2_Nm",
             "theta10_rate_rad_s",
@@ -40,6 +38,8 @@ pub fn plan_csv(plan: &Plan, writer: impl Write) -> io::Result<()> {
             "power2_W",
             "normal_force_N",
             "friction_N",
+            "root_slope_rad",
+            "chord_m",
         ]
         .map(String::from),
     );
@@ -53,12 +53,13 @@ pub fn plan_csv(plan: &Plan, writer: impl Write) -> io::Result<()> {
         put(&[point.t]);
         put(&joint.angle);
         put(plan.deflection_at(tick));
-        put(&[point.root_slope, point.root_slope_rate, point.chord_m]);
+        put(&[point.root_slope_rate]);
         put(&point.torque);
         put(&joint.rate);
         put(&point.tip.position);
         put(&power);
         put(&[point.force.normal, point.force.along]);
+        put(&[point.root_slope, point.chord_m]);
         csv.serialize(&row)?;
     }
     csv.flush()
