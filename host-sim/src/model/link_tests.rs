@@ -203,7 +203,7 @@ fn energy_changes_by_what_torques_and_damping_do() {
             let size = given.abs() + lost.abs();
             assert!(lost > 0.0);
             assert!(
-                (change - given + lost).abs() < 1e-6 * size,
+                (change - given + lost).abs() < 1e-8 * size,
                 "{kind:?} {change} {given} {lost}"
             );
         }

@@ -89,7 +89,10 @@ impl RestZeros {
         let alone = |zero: &&Complex<f64>| {
             let near = NEAR * libm::hypot(zero.re, zero.im);
             zero.im > RATIO * zero.re.abs()
-                && !self.zeros.iter().any(|other| distance(zero, other) < near)
+                && !self
+                    .zeros
+                    .iter()
+                    .any(|other| other.re > 0.0 && distance(zero, other) < near)
         };
         if self.growing() == self.decaying() {
             return 0.0;

@@ -361,8 +361,8 @@ impl Plant {
         let normal = self.surface.normal;
         // The shape stays as it is.
         let [[chord, chord_rate], _] = self.workspace.shape(&self.model, State(&self.state));
-        // The step's error is far below 1e-7 m, and Newton squares it.
-        for _ in 0..2 {
+        // A step's error is far below 1e-7 m, and Newton squares it; a state that is given may be off by more.
+        for _ in 0..5 {
             let (s1, c1) = libm::sincos(self.state[0]);
             let (s2, c2) = libm::sincos(self.state[1]);
             let gradient = [
