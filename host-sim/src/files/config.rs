@@ -373,17 +373,17 @@ mod tests {
             (
                 "\"down\"",
                 "\"sideways\"",
-                "arm.toml: line 20: base.elbow = \"sideways\"; accepted: \"down\" or \"up\"",
+                "arm.toml: line 23: base.elbow = \"sideways\"; accepted: \"down\" or \"up\"",
             ),
             (
                 "\"down\"",
                 "3",
-                "arm.toml: line 20: base.elbow = 3; accepted: \"down\" or \"up\"",
+                "arm.toml: line 23: base.elbow = 3; accepted: \"down\" or \"up\"",
             ),
             (
                 "[0.0, 9.81]",
                 "[0.0,  9.81, 3.0]",
-                "arm.toml: line 19: base.gravity_m_s2 = [0.0, 9.81, 3.0]; accepted: two accelerations in m/s^2 from -1000 to 1000",
+                "arm.toml: line 22: base.gravity_m_s2 = [0.0, 9.81, 3.0]; accepted: two accelerations in m/s^2 from -1000 to 1000",
             ),
             (
                 "mass_kg = 8.0",
