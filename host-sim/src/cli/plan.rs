@@ -33,6 +33,9 @@ pub(super) fn plan_command(args: &PlanArgs) -> Result<(), CliError> {
     let output = Output::open(&args.out, args.common.inputs())?;
     let (arm, task) = args.common.load()?;
     let planned = args.common.plan(&arm, &task)?;
+    if let Some(word) = bending_doubt(&planned.plan) {
+        say(format_args!("warning: {word}"));
+    }
     output.write("plan.csv", |w| export::plan_csv(&planned.plan, w))?;
     output.write("table.bin", |w| w.write_all(&planned.table.image))?;
     let summary = Value::Object(planned.json());
@@ -91,7 +94,6 @@ fn doubts(plan: &Plan, limits: &LimitParameters) -> Vec<String> {
         }
     }
     doubts.extend(friction_doubt(plan));
-    doubts.extend(bending_doubt(plan));
     doubts
 }
 
