@@ -1,6 +1,6 @@
 //! Forward dynamics of the arm with a bent link: accelerations from state and torques, in the air, with
 //! a given contact force, or with the tip held on a surface. The equations are those of
-//! [`crate::model::link_dynamics`].
+//! `link_dynamics`.
 //!
 //! With the generalised coordinates `x = (theta10, theta20, w)` they read
 //! `M x'' + h = B tau - J' lambda`. The mass matrix is put together from the velocities of the link's
@@ -16,7 +16,7 @@ use crate::model::link_dynamics::required_into;
 use flexor::model::JointMotion;
 use flexor::number::Real;
 
-/// Memory that [`BentArm::accelerate`] works in, and what it leaves: the arm at an instant.
+/// Memory that [`BentArm`] works in, and what it leaves: the arm at an instant.
 #[derive(Clone, Debug)]
 pub struct BentArm<T> {
     /// Nodal unknowns, their rates, and zeros.

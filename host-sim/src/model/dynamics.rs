@@ -20,7 +20,7 @@
 //! which F brings.) tau2 turns the root's tangent, `theta20 + e.q`; f is the force of
 //! the tip on the surface.
 //!
-//! They are what [`crate::model::link_dynamics`] has for the linear model, in coordinates in which mass,
+//! They are what `link_dynamics` has for the linear model, in coordinates in which mass,
 //! stiffness and damping are diagonal. [`crate::model::forward`] solves them for the accelerations and
 //! the contact force, generic over the scalar so that exact derivatives can be had from dual numbers;
 //! here is what they say at rest.

@@ -1,5 +1,5 @@
 //! The boundary-value problem and the inverse dynamics as the paper prints them, for comparison with
-//! [`crate::model::link_dynamics`]: for a link that bends little, without the axial load and everything
+//! `link_dynamics`: for a link that bends little, without the axial load and everything
 //! of second order in the deflection.
 
 use crate::model::arm_model::{ArmModel, NodalBeam, dot};
