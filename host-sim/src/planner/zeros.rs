@@ -78,8 +78,8 @@ impl RestZeros {
         sizes.fold(0.0, f64::max)
     }
 
-    /// Angular frequency of the fastest vibration, rad/s: of a zero that swings, and decays without one
-    /// that grows as it does, as a tip inertia makes them; 0 where there is none.
+    /// Angular frequency of the fastest vibration, rad/s: of a zero that swings, and decays or grows
+    /// without one that does the opposite, as a tip inertia makes them; 0 where there is none.
     pub(super) fn swing(&self) -> f64 {
         /// A vibration's zero is so much farther from the real axis than from the other.
         const RATIO: f64 = 2.0;
@@ -92,7 +92,7 @@ impl RestZeros {
                 && !self
                     .zeros
                     .iter()
-                    .any(|other| other.re > 0.0 && distance(zero, other) < near)
+                    .any(|other| other.re * zero.re < 0.0 && distance(zero, other) < near)
         };
         if self.growing() == self.decaying() {
             return 0.0;
