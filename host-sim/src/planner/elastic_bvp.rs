@@ -2,23 +2,18 @@
 //! tip, as [`collocation`] solves it.
 
 use crate::model::arm_model::{ArmModel, dot};
-use crate::model::bending::{Given, Nodal};
+use crate::model::bending::Given;
 use crate::model::configuration::Surface;
 use crate::model::dual::Dual;
 use crate::model::link::LinkModel;
 use crate::model::printed::PrintedDeflection;
 use crate::planner::collocation::{self, Boundary, CollocationError, Problem, Solution};
+use crate::planner::rest::{Unrest, relaxed};
 use crate::planner::servo::{Instant, Reference, follow};
 use crate::planner::task::{Equations, PlanError, Task};
+use crate::planner::unknowns::{LANES, Seeded, admits, largest, units_of};
 use crate::planner::zeros::RestZeros;
 use nalgebra::{DMatrix, DVector};
-
-/// Largest sine of a section angle: 72 degrees. The unknown that it is cannot pass 1, and near a right
-/// angle a link of Hermite elements means nothing any more.
-pub(super) const SECTION_SINE_MAX: f64 = 0.95;
-
-/// Derivatives that are computed at a time.
-const LANES: usize = 8;
 
 /// The planner's boundary-value problem, without units: deflections are shares of link 2's length,
 /// times those of the path's duration. So accuracy, pivots and verdicts are the same whatever the
@@ -38,30 +33,6 @@ pub(super) struct Deflection<'a> {
     swing: f64,
     /// Shapes at rest before and after the path, in units.
     rest: [Vec<f64>; 2],
-}
-
-/// The unknowns with their derivatives by `N` of them, rates and accelerations, from the one number
-/// `from` on.
-struct Seeded<'a, const N: usize> {
-    values: [&'a [f64]; 3],
-    from: usize,
-}
-
-impl<const N: usize> Nodal<Dual<N>> for Seeded<'_, N> {
-    #[inline]
-    fn sum(&self, order: usize, first: usize, coefficients: &[f64]) -> Dual<N> {
-        let values = self.values[order];
-        let value = dot(coefficients, &values[first..first + coefficients.len()]);
-        let mut slopes = [0.0; N];
-        let begin = order * values.len() + first;
-        for (i, coefficient) in coefficients.iter().enumerate() {
-            // Below `from` it wraps to a large number.
-            if let Some(slope) = slopes.get_mut((begin + i).wrapping_sub(self.from)) {
-                *slope = *coefficient;
-            }
-        }
-        Dual::with_slopes(value, slopes)
-    }
 }
 
 impl<'a> Deflection<'a> {
@@ -174,54 +145,30 @@ impl<'a> Deflection<'a> {
     /// The shape in which the arm rests before (`end` 0) or after (1) the path, in units, by Newton's
     /// method from the present one.
     fn at_rest(&self, end: usize) -> Result<Vec<f64>, PlanError> {
-        /// Convergence is quadratic: from a straight link five suffice.
-        const STEPS_MAX: usize = 40;
-        /// A rounding of the shape, rad and share of the length.
-        const SMALL: f64 = 1e-13;
-        let buckled = PlanError::Buckled { end: end == 1 };
-        let mut q = self.rest[end].clone();
-        let mut before = f64::INFINITY;
-        for _ in 0..STEPS_MAX {
-            let (value, [by_q, ..]) = self.linearised_at_rest(end, &q);
-            let mut step = DVector::from_vec(value);
-            if !step.iter().all(|x| x.is_finite()) {
-                let rest = vec![0.0; q.len()];
+        let t_s = self.end_s(end);
+        let linearise = |q: &[f64]| {
+            let (value, [by_q, ..]) = self.linearised_at_rest(end, q);
+            (value, by_q)
+        };
+        relaxed(self.rest[end].clone(), linearise, |q| self.admits(q)).map_err(|(why, q)| {
+            if why == Unrest::Undefined {
                 let w: Vec<f64> = self
                     .units
                     .iter()
                     .zip(&q)
                     .map(|(unit, q)| unit * q)
                     .collect();
-                self.at(self.end_s(end), [&w, &rest, &rest])?;
-                return Err(buckled);
+                let still = vec![0.0; q.len()];
+                if let Err(error) = self.at(t_s, [&w, &still, &still]) {
+                    return error;
+                }
             }
-            if !by_q.lu().solve_mut(&mut step) {
-                return Err(buckled);
-            }
-            let mut share = 1.0;
-            let stepped = |share: f64| -> Vec<f64> {
-                q.iter()
-                    .zip(&step)
-                    .map(|(q, step)| q - share * step)
-                    .collect()
-            };
-            while share > 1e-3 && !self.admits(&stepped(share)) {
-                share *= 0.5;
-            }
-            q = stepped(share);
-            let size = step.amax();
-            if share == 1.0 && (size <= SMALL || (size < 1e-9 && size >= 0.5 * before)) {
-                return Ok(q);
-            }
-            before = size;
-        }
-        let steepest = steepest_sine(&q);
-        Err(if self.admits(&q) && steepest < 0.9 * SECTION_SINE_MAX {
-            buckled
-        } else {
-            PlanError::SectionAngle {
-                t_s: self.end_s(end),
-                point_m: self.task.path.at(self.end_s(end)).position,
+            match why {
+                Unrest::Undefined | Unrest::Buckled => PlanError::Buckled { end: end == 1 },
+                Unrest::Steep => PlanError::SectionAngle {
+                    t_s,
+                    point_m: self.task.path.at(t_s).position,
+                },
             }
         })
     }
@@ -365,7 +312,7 @@ impl Problem for Deflection<'_> {
     }
 
     fn admits(&self, q: &[f64]) -> bool {
-        self.model.link.kind.model == LinkModel::Linear || steepest_sine(q) < SECTION_SINE_MAX
+        admits(self.model, q)
     }
 
     fn size(&self, q: &[f64], acceleration: &[f64]) -> f64 {
@@ -392,44 +339,11 @@ impl Problem for Deflection<'_> {
     }
 }
 
-/// What one of each unknown of `model` is worth: 1 rad, or link 2's length, m.
-fn units_of(model: &ArmModel) -> DVector<f64> {
-    DVector::from_fn(model.dof(), |i, _| match is_deflection(i, model.dof()) {
-        true => model.arm.link2_length_m,
-        false => 1.0,
-    })
-}
-
 /// `solution`, of the problem of `model` on `task`, with units.
 pub(super) fn with_units(solution: Solution, model: &ArmModel, task: &Task) -> Solution {
     solution
         .scaled(&units_of(model))
         .in_time(task.path.duration)
-}
-
-/// Whether the nodal number `i` of `dof` is a deflection (m), else a slope (rad). They are in the
-/// order of [`flexor::model::Beam`]: the root's slope, deflection and slope of each inner node, the
-/// tip's slope.
-fn is_deflection(i: usize, dof: usize) -> bool {
-    i % 2 == 1 && i + 1 < dof
-}
-
-/// Largest nodal slope: the sine of a section angle.
-pub(super) fn steepest_sine(q: &[f64]) -> f64 {
-    let slopes = q.iter().enumerate();
-    let slopes = slopes.filter(|(i, _)| !is_deflection(*i, q.len()));
-    slopes.fold(0.0, |most, (_, slope)| slope.abs().max(most))
-}
-
-/// Largest nodal slope (rad) or deflection (share of `length_m`, link 2's); NaN if any is.
-pub(super) fn largest(w: &[f64], length_m: f64) -> f64 {
-    let size = |(i, size): (usize, &f64)| match is_deflection(i, w.len()) {
-        true => size.abs() / length_m,
-        false => size.abs(),
-    };
-    // Not max(), which passes NaN over.
-    let larger = |most: f64, size: f64| if size <= most { most } else { size };
-    w.iter().enumerate().map(size).fold(0.0, larger)
 }
 
 /// Largest torque of joint 2, N m, that the motion would take if link 2 did not bend: what the

@@ -6,11 +6,7 @@ use crate::planner::path::LinePath;
 use crate::planner::task::{PlanError, Task};
 
 /// The joint angles, rad, at the given progress along the path, 0 to 1.
-pub(super) fn angles_at(
-    model: &ArmModel,
-    path: &LinePath,
-    progress: f64,
-) -> Result<[f64; 2], PlanError> {
+fn angles_at(model: &ArmModel, path: &LinePath, progress: f64) -> Result<[f64; 2], PlanError> {
     let point_m = path.point(progress);
     let t_s = path.time_at_progress(progress);
     let angles = model.kinematics.inverse(point_m, model.arm.elbow);

@@ -8,13 +8,15 @@
 //! Glossary: *clearance*: how far off the surface the tip stands where a move ends above a task's
 //! start or begins above its end, by turning joint 2, as the run's approach and lifting do.
 
-use crate::model::arm_model::{ArmModel, dot};
+use crate::model::arm_model::ArmModel;
 use crate::model::configuration::Surface;
-use crate::model::dynamics::equilibrium;
-use crate::planner::feasible::angles_at;
+use crate::model::link::LinkModel;
 use crate::planner::path::{JointWay, LinePath, Profile};
+use crate::planner::rest::{Rest, rest};
+use crate::planner::servo::Reference;
 use crate::planner::task::{Ends, PlanError, Task, Travel, Window, surface};
 use crate::planner::tip_force::SurfaceFriction;
+use flexor::model::JointMotion;
 
 /// Where a move begins or ends. Angles are in rad from a1 towards a2.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,7 +71,8 @@ impl FreeMove {
         if way.is_point() {
             return Err(PlanError::NoMove { angle_rad: from });
         }
-        let [start, end] = way.ends.map(|angle| model.kinematics.forward(angle));
+        let [start, end] = way.ends.map(|angle| tip_at(model, angle));
+        let (start, end) = (start?, end?);
         self.check_clear(model, &way, &off)?;
         Ok(Task {
             path: LinePath {
@@ -97,10 +100,13 @@ impl FreeMove {
     ) -> Result<(), PlanError> {
         /// A joint turns by at most a hundredth of its way from one to the next.
         const SAMPLES: u32 = 256;
+        if off.is_empty() {
+            return Ok(());
+        }
         for i in 0..=SAMPLES {
             let share = f64::from(i) / f64::from(SAMPLES);
             let progress = self.profile.at(share);
-            let point_m = model.kinematics.forward(way.at(progress).angle);
+            let point_m = tip_at(model, way.at(progress).angle)?;
             if off.iter().any(|stretch| stretch.holds(point_m)) {
                 let t_s = share * self.duration_s;
                 return Err(PlanError::ThroughSurface { t_s, point_m });
@@ -135,10 +141,23 @@ impl MoveEnd {
             Self::Motors(motor) => Ok((at_motors(model, *motor)?, None)),
             Self::Task { task, clearance_m } => {
                 let plane = surface(task, &model.arm)?;
-                let angle = angles_at(model, &task.path, progress)?;
-                let above = lifted(model, &plane, angle, *clearance_m);
+                let point_m = task.path.point(progress);
+                let t_s = progress * task.path.duration;
+                let pressing = Reference::Tip([point_m, [0.0; 2], [0.0; 2]]);
+                let force = task.force_at(&plane, t_s);
+                model
+                    .kinematics
+                    .inverse(point_m, model.arm.elbow)
+                    .map_err(|source| PlanError::Path {
+                        t_s,
+                        point_m,
+                        source,
+                    })?;
+                let end = progress > 0.0;
+                let on = rest(model, &pressing, force).map_err(|_| PlanError::Buckled { end })?;
+                let above = lifted(model, &plane, on.angle, *clearance_m);
                 let above = above.ok_or(PlanError::NoClearance {
-                    point_m: task.path.point(progress),
+                    point_m,
                     clearance_m: *clearance_m,
                 })?;
                 let stretch = Stretch {
@@ -151,39 +170,79 @@ impl MoveEnd {
     }
 }
 
+/// `model`'s arm at rest in the air at the links' angles `angle`, rad.
+fn hanging(model: &ArmModel, angle: [f64; 2]) -> Option<Rest> {
+    let joint = JointMotion {
+        angle,
+        ..JointMotion::default()
+    };
+    rest(model, &Reference::Joints(joint), [0.0; 2]).ok()
+}
+
+/// The tip of `model`'s arm in the air at the links' angles `angle`, rad: where the chord of a link that
+/// hangs by its weight has it.
+fn tip_at(model: &ArmModel, angle: [f64; 2]) -> Result<[f64; 2], PlanError> {
+    let chord_m = match model.link.kind.model {
+        LinkModel::Linear => model.arm.link2_length_m,
+        LinkModel::Geometric => {
+            let hangs = hanging(model, angle).ok_or(PlanError::Buckled { end: false })?;
+            hangs.chord_m
+        }
+    };
+    let [e1, e2] = angle.map(|a| [libm::cos(a), libm::sin(a)]);
+    let r1 = model.arm.link1_length_m;
+    Ok([0, 1].map(|i| r1 * e1[i] + chord_m * e2[i]))
+}
+
 /// The links' angles, rad, at which the arm rests in the air with its motors at `motor`, rad: link 2
 /// hangs from its root tangent by its weight. The slope's change with the angle is a small share, so
 /// that a fixed-point iteration finds it.
 fn at_motors(model: &ArmModel, motor: [f64; 2]) -> Result<[f64; 2], PlanError> {
     /// Each one brings some two digits.
     const STEPS: u32 = 60;
+    /// Rounding of an angle, rad.
+    const SMALL: f64 = 1e-15;
     let tangent = motor[0] + motor[1];
     let mut angle = [motor[0], tangent];
     for _ in 0..STEPS {
-        let (q, _) =
-            equilibrium(model, angle, [0.0; 2], false).ok_or(PlanError::Buckled { end: false })?;
-        angle[1] = tangent - dot(&model.root_slope, &q);
+        let hangs = hanging(model, angle).ok_or(PlanError::Buckled { end: false })?;
+        let before = core::mem::replace(&mut angle[1], tangent - hangs.root_slope_rad);
+        if (angle[1] - before).abs() <= SMALL {
+            break;
+        }
     }
     Ok(angle)
 }
 
-/// Angles with the tip `clearance_m` above `surface`, by a turn of joint 2 from `angle`, rad: the
-/// tip's depth is `n . r1 e(theta10) + r2 cos(theta20 - psi) - offset`, psi the normal's direction.
+/// Angles with the tip of a link that hangs by its weight `clearance_m` above `surface`, by a turn of
+/// joint 2 from `angle`, rad: the tip's depth is `n . r1 e(theta10) + L cos(theta20 - psi) - offset`, psi
+/// the normal's direction, L the chord's length, which depends on the angle but little.
 fn lifted(
     model: &ArmModel,
     surface: &Surface,
     angle: [f64; 2],
     clearance_m: f64,
 ) -> Option<[f64; 2]> {
+    /// Each one brings some two digits.
+    const STEPS: u32 = 20;
+    /// Rounding of an angle, rad.
+    const SMALL: f64 = 1e-15;
     let [x, y] = surface.normal;
     let joint2_m = model.arm.link1_length_m * (x * libm::cos(angle[0]) + y * libm::sin(angle[0]));
     let wanted = surface.offset_m - clearance_m - joint2_m;
-    let cosine = wanted / model.arm.link2_length_m;
-    if !(cosine.abs() <= 1.0) {
-        return None;
-    }
     let normal_angle = libm::atan2(y, x);
     let from_normal = libm::remainder(angle[1] - normal_angle, core::f64::consts::TAU);
-    let turn = libm::acos(cosine).copysign(from_normal) - from_normal;
-    Some([angle[0], angle[1] + turn])
+    let mut above = angle;
+    for _ in 0..STEPS {
+        let cosine = wanted / hanging(model, above)?.chord_m;
+        if !(cosine.abs() <= 1.0) {
+            return None;
+        }
+        let turn = libm::acos(cosine).copysign(from_normal) - from_normal;
+        let before = core::mem::replace(&mut above[1], angle[1] + turn);
+        if (above[1] - before).abs() <= SMALL {
+            break;
+        }
+    }
+    Some(above)
 }

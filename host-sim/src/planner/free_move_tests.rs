@@ -3,11 +3,12 @@
 use crate::files::config::{DEFAULT_ARM, DEFAULT_TASK, parse_arm, parse_task};
 use crate::model::arm_model::ArmModel;
 use crate::model::dynamics::equilibrium;
+use crate::model::link::{LinkKind, LinkModel};
 use crate::planner::free_move::{FreeMove, MoveEnd};
 use crate::planner::path::Profile;
 use crate::planner::plan::{Plan, PlanOptions};
 use crate::planner::planning::plan;
-use crate::planner::task::{PlanError, Task, Travel, Window};
+use crate::planner::task::{Ends, PlanError, Task, Travel, Window};
 use core::f64::consts::FRAC_PI_2;
 use flexor::model::{ArmParameters, Elbow};
 use proptest::prelude::*;
@@ -149,4 +150,41 @@ proptest! {
         prop_assert!((angle[0] - motors[0]).abs() < 1e-12);
         prop_assert!((tangent - angle[0] - motors[1]).abs() < 1e-12);
     }
+}
+
+/// A link soft enough that its weight alone bends it by 0.2 rad.
+#[test]
+fn a_bent_link_hangs_as_it_is() {
+    let soft = ArmParameters {
+        bending_stiffness_nm2: 0.5,
+        ..arm()
+    };
+    let link = LinkKind {
+        model: LinkModel::Geometric,
+        ..LinkKind::default()
+    };
+    let options = PlanOptions {
+        link,
+        ..PlanOptions::default()
+    };
+    let model = ArmModel::of_kind(&soft, ELEMENTS, link).unwrap();
+    let motors = [0.6, -1.1];
+    let way = free_move(MoveEnd::Motors(motors), above(0.02));
+    let plan = plan(&soft, &way.task(&model).unwrap(), &options).unwrap();
+    let [first, last] = [&plan.points[0], plan.points.last().unwrap()];
+    assert!(first.root_slope.abs() > 0.1, "{}", first.root_slope);
+    assert!(first.chord_m < 0.55 - 1e-3, "{}", first.chord_m);
+    let [link1, link2] = first.joint.angle;
+    assert!((link1 - motors[0]).abs() < 1e-12);
+    // The window cuts off 1e-6 of the bending that goes before the motion.
+    let motor2 = link2 + first.root_slope - link1;
+    assert!((motor2 - motors[1]).abs() < 2e-6, "{motor2}");
+    // With a straight chord it would be off by what it is shorter.
+    assert!((last.tip.position[1] - (0.05 - 0.02)).abs() < 1e-6);
+    // Link 1 stands as on the surface, pressing.
+    let mut on_it = parse_task("task", DEFAULT_TASK).unwrap();
+    on_it.ends = Ends::Spectral;
+    let pressing = crate::planner::planning::plan(&soft, &on_it, &options).unwrap();
+    let pressing = pressing.points[0].joint.angle[0];
+    assert!((last.joint.angle[0] - pressing).abs() < 1e-6);
 }
