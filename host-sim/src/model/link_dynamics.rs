@@ -42,15 +42,6 @@ pub(crate) struct Required<T> {
     pub(crate) torque: [T; 2],
 }
 
-impl<T: Real> Required<T> {
-    /// What is left of the unknowns' equations when joint 2 gives its torque: nothing for a motion that
-    /// the torques sustain.
-    pub(crate) fn residual(mut self) -> Vec<T> {
-        self.elastic[0] -= self.root * self.torque[1];
-        self.elastic
-    }
-}
-
 /// What the motion of `model`'s arm takes, with the link bent as `bent`, at the joint motion `joint`, with the tip
 /// pressing with `force` (N, inertial axes).
 pub(crate) fn required<T: Real>(

@@ -9,7 +9,7 @@ use crate::model::link::LinkModel;
 use crate::model::printed::PrintedDeflection;
 use crate::planner::collocation::{self, Boundary, CollocationError, Problem, Solution};
 use crate::planner::rest::{Unrest, relaxed};
-use crate::planner::servo::{Instant, Reference, follow};
+use crate::planner::servo::{Instant, Reference, Servo};
 use crate::planner::task::{Equations, PlanError, Task};
 use crate::planner::unknowns::{LANES, Seeded, admits, largest, units_of};
 use crate::planner::zeros::RestZeros;
@@ -135,7 +135,9 @@ impl<'a> Deflection<'a> {
     fn at(&self, t: f64, nodal: [&[f64]; 3]) -> Result<Instant<f64>, PlanError> {
         let reference = self.task.reference(t);
         let force = self.task.force_at(self.surface, t);
-        follow(self.model, &reference, force, &Given(nodal)).map_err(|source| PlanError::Path {
+        let mut servo = Servo::new(self.model);
+        let instant = servo.follow(self.model, &reference, force, &Given(nodal));
+        instant.map_err(|source| PlanError::Path {
             t_s: t,
             point_m: self.task.path.at(t).position,
             source,
@@ -226,18 +228,21 @@ impl<'a> Deflection<'a> {
         let n = w.len();
         let force = self.task.force_at(self.surface, t);
         let reference = self.task.reference(t).resolved(self.model);
+        let mut servo = Servo::<Dual<LANES>>::new(self.model);
         for from in (0..3 * n).step_by(LANES) {
             let nodal = Seeded::<LANES> {
                 values: [w, w_t, w_tt],
                 from,
             };
-            let instant = reference
-                .and_then(|reference| follow::<Dual<LANES>>(self.model, &reference, force, &nodal));
-            let Ok(instant) = instant else {
+            let followed = reference.as_ref().is_ok_and(|reference| {
+                let instant = servo.follow(self.model, reference, force, &nodal);
+                instant.is_ok()
+            });
+            if !followed {
                 value.fill(f64::NAN);
                 return;
-            };
-            for (i, row) in instant.required.residual().iter().enumerate() {
+            }
+            for (i, row) in servo.residual().iter().enumerate() {
                 value[i] = row.value();
                 for (j, slope) in (from..3 * n).zip(row.slopes()) {
                     derivatives[j / n][(i, j % n)] = *slope;
@@ -354,15 +359,15 @@ pub(super) fn rigid_torque(model: &ArmModel, task: &Task, surface: &Surface) -> 
     const LEAST: f64 = 1e-6;
     let rest = vec![0.0; model.dof()];
     let mut peaks: [f64; 2] = [0.0; 2];
+    let mut servo = Servo::<f64>::new(model);
     for i in 0..=SAMPLES {
         let t = task.path.duration * f64::from(i) / f64::from(SAMPLES);
         let force = task.force_at(surface, t);
         let straight = Given([&rest[..]; 3]);
-        let Ok(instant) = follow(model, &task.reference(t), force, &straight) else {
+        let Ok(instant) = servo.follow(model, &task.reference(t), force, &straight) else {
             continue;
         };
-        let torques: [f64; 2] = instant.required.torque;
-        for (peak, torque) in peaks.iter_mut().zip(torques) {
+        for (peak, torque) in peaks.iter_mut().zip(instant.torque) {
             *peak = peak.max(torque.abs());
         }
     }

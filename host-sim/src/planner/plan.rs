@@ -19,7 +19,7 @@ use crate::model::printed::{Motion, inverse_as_printed};
 use crate::planner::collocation::Solution;
 use crate::planner::feasible::lever_ratio;
 use crate::planner::path::{Profile, TipMotion};
-use crate::planner::servo::{Instant, Reference, follow};
+use crate::planner::servo::{Instant, Reference, Servo};
 use crate::planner::task::{Ends, Equations, PlanError, SLOPE_MAX_RAD, Task, Travel};
 use crate::planner::tip_force::{NormalForce, TipForce};
 use crate::planner::unknowns::{SECTION_SINE_MAX, largest, steepest_sine};
@@ -362,6 +362,7 @@ pub struct Sampler<'p> {
     interval: usize,
     /// Nodal unknowns, rates and accelerations.
     nodal: [Vec<f64>; 3],
+    servo: Servo<f64>,
 }
 
 impl<'p> Sampler<'p> {
@@ -371,6 +372,7 @@ impl<'p> Sampler<'p> {
             plan,
             interval: 0,
             nodal: [(); 3].map(|()| vec![0.0; n]),
+            servo: Servo::new(&plan.model),
         }
     }
 
@@ -388,14 +390,14 @@ impl<'p> Sampler<'p> {
         let force = plan.force_at(t);
         // The path has been checked; where rounding at its edge still refuses, there is no number.
         let nodal = Given([&self.nodal[0][..], &self.nodal[1], &self.nodal[2]]);
-        let Ok(instant) = follow(model, &reference, force, &nodal) else {
+        let Ok(instant) = self.servo.follow(model, &reference, force, &nodal) else {
             return self.nowhere(t);
         };
         let Instant {
             mut joint,
             chord,
             root,
-            required,
+            torque,
         } = instant;
         let tip = match reference {
             Reference::Tip(_) => plan.task.path.at(t),
@@ -419,7 +421,7 @@ impl<'p> Sampler<'p> {
             };
             inverse_as_printed(model, &motion, force)
         } else {
-            required.torque
+            torque
         };
         let turn = if tip.position[1] < 0.0 {
             plan.branch.above
@@ -480,14 +482,11 @@ impl<'p> Sampler<'p> {
     pub fn residual(&self, t: f64) -> Vec<f64> {
         let plan = self.plan;
         let nodal = Given([&self.nodal[0][..], &self.nodal[1], &self.nodal[2]]);
-        let instant = follow(
-            &plan.model,
-            &plan.task.reference(t),
-            plan.force_at(t),
-            &nodal,
-        );
-        instant.map_or(vec![f64::NAN; plan.model.dof()], |instant| {
-            instant.required.residual()
-        })
+        let mut servo = Servo::new(&plan.model);
+        let (reference, force) = (plan.task.reference(t), plan.force_at(t));
+        match servo.follow(&plan.model, &reference, force, &nodal) {
+            Ok(_) => servo.residual().to_vec(),
+            Err(_) => vec![f64::NAN; plan.model.dof()],
+        }
     }
 }

@@ -3,7 +3,7 @@
 use crate::model::arm_model::ArmModel;
 use crate::model::bending::Given;
 use crate::model::dual::Dual;
-use crate::planner::servo::{Instant, Reference, follow};
+use crate::planner::servo::{Reference, Servo};
 use crate::planner::unknowns::{LANES, SECTION_SINE_MAX, Seeded, admits, steepest_sine, units_of};
 use flexor::model::JointMotion;
 use nalgebra::{DMatrix, DVector};
@@ -59,15 +59,16 @@ pub(super) fn rest(
         let w = with_units(q);
         let mut value = vec![f64::NAN; n];
         let mut by_q = DMatrix::zeros(n, n);
+        let mut servo = Servo::<Dual<LANES>>::new(model);
         for from in (0..n).step_by(LANES) {
             let nodal = Seeded::<LANES> {
                 values: [&w, &zeros, &zeros],
                 from,
             };
-            let Ok(instant) = follow::<Dual<LANES>>(model, &reference, force, &nodal) else {
+            if servo.follow(model, &reference, force, &nodal).is_err() {
                 break;
-            };
-            for (i, row) in instant.required.residual().iter().enumerate() {
+            }
+            for (i, row) in servo.residual().iter().enumerate() {
                 value[i] = row.value();
                 for (j, slope) in (from..n).zip(row.slopes()) {
                     by_q[(i, j)] = units[j] * *slope;
@@ -79,8 +80,8 @@ pub(super) fn rest(
     let found = relaxed(vec![0.0; n], linearise, |q| admits(model, q));
     let w = with_units(&found.map_err(|(why, _)| why)?);
     let nodal = Given([&w[..], &zeros, &zeros]);
-    let at: Instant<f64> =
-        follow(model, &reference, force, &nodal).map_err(|_| Unrest::Undefined)?;
+    let at = Servo::<f64>::new(model).follow(model, &reference, force, &nodal);
+    let at = at.map_err(|_| Unrest::Undefined)?;
     Ok(Rest {
         angle: at.joint.angle,
         chord_m: at.chord[0],

@@ -9,7 +9,7 @@ use crate::model::bending::{Bent, EndAngle, Nodal};
 use crate::model::chord::{inverse_motion, lift};
 use crate::model::configuration::Configuration;
 use crate::model::link::LinkModel;
-use crate::model::link_dynamics::{Required, required};
+use crate::model::link_dynamics::required_into;
 use flexor::model::{JointMotion, KinematicsError};
 use flexor::number::Real;
 
@@ -36,7 +36,7 @@ impl Reference {
 }
 
 /// The arm at an instant.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Instant<T> {
     /// Motion of link 1 and of link 2's chord.
     pub(super) joint: JointMotion<T>,
@@ -44,34 +44,61 @@ pub(super) struct Instant<T> {
     pub(super) chord: [T; 3],
     /// Link 2's section at joint 2.
     pub(super) root: EndAngle<T>,
-    /// What the motion takes.
-    pub(super) required: Required<T>,
+    /// The torques that the motion takes, N m.
+    pub(super) torque: [T; 2],
 }
 
-/// `model`'s arm as `reference` prescribes, pressing with `force` (N, inertial axes), with the link's
-/// unknowns, rates and accelerations `nodal`.
-///
-/// # Errors
-/// [`KinematicsError`] where the tip is out of reach with the link so bent.
-pub(super) fn follow<T: Real>(
-    model: &ArmModel,
-    reference: &Reference,
-    force: [f64; 2],
-    nodal: &impl Nodal<T>,
-) -> Result<Instant<T>, KinematicsError> {
-    let bent = Bent::new(&model.link, nodal);
-    let (chord, root) = (bent.chord, bent.root);
-    let joint = match reference {
-        Reference::Tip(tip) => inverse_motion(&model.arm, chord, *tip)?,
-        Reference::Joints(joint) => lift(joint),
-    };
-    let configuration = Configuration::new(model, joint.angle);
-    let force = force.map(T::from_f64);
-    let required = required(model, &bent, &joint, &configuration, force);
-    Ok(Instant {
-        joint,
-        chord,
-        root,
-        required,
-    })
+/// Memory for what an arm's motion takes.
+#[derive(Clone, Debug)]
+pub(super) struct Servo<T> {
+    bent: Bent<T>,
+    /// What is left of the elastic equations.
+    residual: Vec<T>,
+}
+
+impl<T: Real> Servo<T> {
+    /// For `model`'s arm.
+    pub(super) fn new(model: &ArmModel) -> Self {
+        Self {
+            bent: Bent::empty(&model.link),
+            residual: vec![T::ZERO; model.dof()],
+        }
+    }
+
+    /// `model`'s arm as `reference` prescribes, pressing with `force` (N, inertial axes), with the link's
+    /// unknowns, rates and accelerations `nodal`.
+    ///
+    /// # Errors
+    /// [`KinematicsError`] where the tip is out of reach with the link so bent.
+    pub(super) fn follow(
+        &mut self,
+        model: &ArmModel,
+        reference: &Reference,
+        force: [f64; 2],
+        nodal: &impl Nodal<T>,
+    ) -> Result<Instant<T>, KinematicsError> {
+        let bent = &mut self.bent;
+        bent.bend(&model.link, nodal);
+        let joint = match reference {
+            Reference::Tip(tip) => inverse_motion(&model.arm, bent.chord, *tip)?,
+            Reference::Joints(joint) => lift(joint),
+        };
+        let configuration = Configuration::new(model, joint.angle);
+        let force = force.map(T::from_f64);
+        let elastic = &mut self.residual;
+        let (root, torque) = required_into(model, bent, &joint, &configuration, force, elastic);
+        elastic[0] -= root * torque[1];
+        Ok(Instant {
+            joint,
+            chord: bent.chord,
+            root: bent.root,
+            torque,
+        })
+    }
+
+    /// What the instant last followed has left of the elastic equations: nothing for a motion that the
+    /// torques sustain. Moments for slopes, N m, forces for deflections, N.
+    pub(super) fn residual(&self) -> &[T] {
+        &self.residual
+    }
 }
