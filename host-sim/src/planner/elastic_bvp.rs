@@ -186,12 +186,15 @@ impl<'a> Deflection<'a> {
     }
 
     /// Refuses a `solution`, in the problem's units, along which the determinant of `dG/dq''` changes its
-    /// sign: there the tip's motion does not determine the link's.
+    /// sign: there the tip's motion does not determine the link's. What a tip inertia does is the arm's own;
+    /// without one it is the finest shapes of many elements that cross, and nothing comes of it: 12 elements
+    /// on the paper's path in 0.4 s have the torques of 11 to 1e-4 N m.
     ///
     /// # Errors
     /// [`PlanError::Undetermined`].
     pub(super) fn check_orientation(&self, solution: &Solution) -> Result<(), PlanError> {
-        if self.model.link.kind.model == LinkModel::Linear {
+        let tip_inertia_kgm2 = self.model.arm.tip_inertia_kgm2;
+        if self.model.link.kind.model == LinkModel::Linear || tip_inertia_kgm2 == 0.0 {
             return Ok(());
         }
         let n = self.model.dof();
@@ -209,7 +212,7 @@ impl<'a> Deflection<'a> {
                 return Err(PlanError::Undetermined {
                     t_s,
                     point_m: self.task.path.at(t_s).position,
-                    tip_inertia_kgm2: self.model.arm.tip_inertia_kgm2,
+                    tip_inertia_kgm2,
                 });
             }
             sign = here;

@@ -9,7 +9,7 @@ use crate::model::bending::{Bent, EndAngle, Nodal};
 use crate::model::chord::{inverse_motion, lift};
 use crate::model::configuration::Configuration;
 use crate::model::link::LinkModel;
-use crate::model::link_dynamics::required_into;
+use crate::model::link_dynamics::required_bare;
 use flexor::model::{JointMotion, KinematicsError};
 use flexor::number::Real;
 
@@ -86,13 +86,13 @@ impl<T: Real> Servo<T> {
         let configuration = Configuration::new(model, joint.angle);
         let force = force.map(T::from_f64);
         let elastic = &mut self.residual;
-        let (root, torque) = required_into(model, bent, &joint, &configuration, force, elastic);
-        elastic[0] -= root * torque[1];
+        let found = required_bare(model, bent, &joint, &configuration, force, elastic);
+        elastic[0] -= found.root * found.bare[1];
         Ok(Instant {
             joint,
             chord: bent.chord,
             root: bent.root,
-            torque,
+            torque: found.torque(),
         })
     }
 

@@ -247,13 +247,8 @@ pub enum PlanError {
     },
     /// The tip's motion stops to determine the link's.
     #[error(
-        "the tip does not determine the motion of link 2 throughout: near t = {t_s:.4} s, point ({:.4}, {:.4}) m, the determinant of its equations changes sign; {}",
-        point_m[0], point_m[1],
-        if *tip_inertia_kgm2 > 0.0 {
-            format!("another link2.tip_inertia_kgm2 than {} is accepted", Shortest(*tip_inertia_kgm2))
-        } else {
-            "a longer duration_s or fewer link2.elements are accepted".to_string()
-        }
+        "the tip does not determine the motion of link 2 throughout: near t = {t_s:.4} s, point ({:.4}, {:.4}) m, the determinant of its equations changes sign; another link2.tip_inertia_kgm2 than {} is accepted",
+        point_m[0], point_m[1], Shortest(*tip_inertia_kgm2)
     )]
     Undetermined {
         /// When, s.
