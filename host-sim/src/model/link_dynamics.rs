@@ -75,6 +75,32 @@ pub(crate) fn required_into<T: Real>(
     (bare.root, bare.torque())
 }
 
+/// Motion of link 2's chord.
+struct Frame<T> {
+    /// theta20'', rad/s^2.
+    acceleration: T,
+    /// 2 theta20', rad/s.
+    twice_rate: T,
+    /// theta20'^2, rad^2/s^2.
+    squared_rate: T,
+    /// Acceleration of joint 2 less gravity, along n(theta20) and e(theta20), m/s^2.
+    joint: [T; 2],
+}
+
+impl<T: Real> Frame<T> {
+    /// A_n and A_e, m/s^2, of a point at the distance `off` from the chord and the place `along` it, with
+    /// their rates and accelerations.
+    #[inline]
+    fn acceleration(&self, [w, w_t, w_tt]: [T; 3], [x, x_t, x_tt]: [T; 3]) -> [T; 2] {
+        [
+            x * self.acceleration + w_tt + self.twice_rate * x_t - w * self.squared_rate
+                + self.joint[0],
+            x_tt - w * self.acceleration - self.twice_rate * w_t - x * self.squared_rate
+                + self.joint[1],
+        ]
+    }
+}
+
 /// What a motion takes besides what turns with link 2's root.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bare<T> {
@@ -109,11 +135,16 @@ pub(crate) fn required_bare<T: Real>(
     let Configuration { c, s, g_n, g_e, .. } = *configuration;
     let [rate1, rate2] = joint.rate;
     let [acceleration1, acceleration2] = joint.acceleration;
-    let (squared1, squared2) = (rate1 * rate1, rate2 * rate2);
-    let twice2 = rate2 + rate2;
-    // Acceleration of joint 2, less gravity.
-    let joint_n = (acceleration1 * c + squared1 * s).scaled(r1) - g_n;
-    let joint_e = (acceleration1 * s - squared1 * c).scaled(r1) - g_e;
+    let squared1 = rate1 * rate1;
+    let frame = Frame {
+        acceleration: acceleration2,
+        twice_rate: rate2 + rate2,
+        squared_rate: rate2 * rate2,
+        joint: [
+            (acceleration1 * c + squared1 * s).scaled(r1) - g_n,
+            (acceleration1 * s - squared1 * c).scaled(r1) - g_e,
+        ],
+    };
 
     let n = link.dof();
     let sections = &bent.sections;
@@ -124,8 +155,7 @@ pub(crate) fn required_bare<T: Real>(
         ..
     } = *bent;
     elastic.copy_from_slice(&bent.elastic);
-    let tip_n = length * acceleration2 + twice2 * length_t + joint_n;
-    let tip_e = length_tt - length * squared2 + joint_e;
+    let [tip_n, tip_e] = frame.acceleration([T::ZERO; 3], [length, length_t, length_tt]);
     let mut sum_n = tip_n.scaled(arm.tip_mass_kg);
     let mut sum_e = tip_e.scaled(arm.tip_mass_kg);
     let mut moment = length * (sum_n + configuration.along_n2(force));
@@ -136,11 +166,9 @@ pub(crate) fn required_bare<T: Real>(
         let mut needed = [T::ZERO; POINTS];
         for point in 0..POINTS {
             let section = &sections[begin + point];
-            let ([w, w_t, w_tt], [x, x_t, x_tt]) = (section.off, section.along);
-            let a_n = x * acceleration2 + w_tt + twice2 * x_t - w * squared2 + joint_n;
-            let a_e = x_tt - w * acceleration2 - twice2 * w_t - x * squared2 + joint_e;
+            let [a_n, a_e] = frame.acceleration(section.off, section.along);
             let (f_n, f_e) = (a_n.scaled(link.mass[point]), a_e.scaled(link.mass[point]));
-            moment += x * f_n - w * f_e;
+            moment += section.along[0] * f_n - section.off[0] * f_e;
             sum_n += f_n;
             needed[point] = f_e;
             let functions = &link.sections[begin + point];

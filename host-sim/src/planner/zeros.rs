@@ -10,9 +10,14 @@ use nalgebra::linalg::balancing::balance_parlett_reinsch;
 use nalgebra::{Complex, DMatrix, DVector};
 
 /// The linearised problem at rest, `y' = Y y` with `y` the deflection's distance from rest and its rate.
+///
+/// What is computed with is the inverse of Y, whose invariant subspaces are the same and whose eigenvalues
+/// have the same signs: the matrix of accelerations is as good as singular with many elements, that of
+/// deflections never. With a heavy hub and modal damping one zero is at -2e9 1/s beside one of 40, which
+/// rounding would take the sign of.
 pub(super) struct RestZeros {
-    /// Y, balanced: `D^-1 Y D`.
-    system: DMatrix<f64>,
+    /// Y's inverse, balanced: `D^-1 Y^-1 D`.
+    inverse: DMatrix<f64>,
     /// D.
     balance: DVector<f64>,
     /// Growth rates, 1/s.
@@ -21,32 +26,35 @@ pub(super) struct RestZeros {
 
 impl RestZeros {
     /// From the derivatives of `G(q, q', q'')` by the three, times in units of `unit_s`, s. `None` where
-    /// the last is singular.
+    /// the first is singular.
     pub(super) fn new(
         [by_q, by_rate, by_acceleration]: &[DMatrix<f64>; 3],
         unit_s: f64,
     ) -> Option<Self> {
         let n = by_q.nrows();
-        let mass = by_acceleration.clone().lu();
-        let mut system = DMatrix::zeros(2 * n, 2 * n);
+        let stiffness = by_q.clone().lu();
+        let mut inverse = DMatrix::zeros(2 * n, 2 * n);
         for i in 0..n {
-            system[(i, n + i)] = 1.0;
+            inverse[(n + i, i)] = 1.0;
         }
-        for (matrix, column) in [(by_q, 0), (by_rate, n)] {
-            let solved = -mass.solve(matrix)?;
-            system.view_mut((n, column), (n, n)).copy_from(&solved);
+        for (matrix, column) in [(by_rate, 0), (by_acceleration, n)] {
+            let solved = -stiffness.solve(matrix)?;
+            inverse.view_mut((0, column), (n, n)).copy_from(&solved);
         }
         // It would not end for infinite numbers.
-        if !system.iter().all(|x| x.is_finite()) {
+        if !inverse.iter().all(|x| x.is_finite()) {
             return None;
         }
-        // Shares and radians, and rates of 1/s to 1e5 1/s, side by side: unbalanced, what the smallest
+        // Shares and radians, and rates of 1/s to 1e9 1/s, side by side: unbalanced, what the largest
         // zeros lose by rounding would depend on the units.
-        let balance = balance_parlett_reinsch(&mut system);
-        let zeros = system.complex_eigenvalues();
+        let balance = balance_parlett_reinsch(&mut inverse);
+        let periods = inverse.complex_eigenvalues();
         Some(Self {
-            zeros: zeros.iter().map(|zero| zero / unit_s).collect(),
-            system,
+            zeros: periods
+                .iter()
+                .map(|period| (period * unit_s).inv())
+                .collect(),
+            inverse,
             balance,
         })
     }
@@ -105,8 +113,8 @@ impl RestZeros {
     /// of the left invariant subspace of the others, in balanced coordinates. `None` where zeros neither
     /// grow nor decay.
     pub(super) fn conditions(&self, grows: bool) -> Option<DMatrix<f64>> {
-        let size = self.system.nrows();
-        let sign = matrix_sign(&self.system)?;
+        let size = self.inverse.nrows();
+        let sign = matrix_sign(&self.inverse)?;
         let side = if grows { -0.5 } else { 0.5 };
         let projector = DMatrix::identity(size, size) * 0.5 + sign * side;
         let rank = if grows {
