@@ -161,7 +161,7 @@ fn compliant<T: Lanes>(
 ) {
     let plan = paper(2.0);
     let model = parameters
-        .model(&plan.model.arm, elements)
+        .model(&plan.model.arm, elements, plan.model.link.kind)
         .expect("a model");
     let start = parameters
         .rest(&model, 0.7, plan.points[0].force.normal)

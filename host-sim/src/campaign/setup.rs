@@ -111,7 +111,7 @@ impl BenchSetup {
         let mut on_bench = BenchArm::new(
             plan,
             &arm,
-            self.plant.elements,
+            (self.plant.elements, self.plant.link(plan.model.link.kind)),
             parameters,
             sensors,
             self.course,

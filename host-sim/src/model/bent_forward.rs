@@ -119,18 +119,21 @@ impl<T: Real> BentArm<T> {
         self.found(model, force, q_acceleration)
     }
 
-    /// The same for a tip that meets `force` (N, of the tip on what it touches, inertial axes).
+    /// The same for a tip that meets `force` (N, of the tip on what it touches, inertial axes), in the state
+    /// whose [`shape`](Self::shape) was asked for last.
+    ///
+    /// # Panics
+    /// If `state` or `q_acceleration` has not `model`'s number of modes.
     pub fn under_force(
         &mut self,
         model: &ArmModel,
+        configuration: &Configuration<T>,
         state: State<'_, T>,
         torque: [T; 2],
         force: [T; 2],
         q_acceleration: &mut [T],
     ) -> Accelerations<T> {
-        let configuration = Configuration::new(model, state.angle());
-        self.bend(model, state);
-        self.set_up(model, &configuration, state, torque, force);
+        self.set_up(model, configuration, state, torque, force);
         factor(&mut self.mass, self.acceleration.len());
         solve(&self.mass, &mut self.acceleration);
         self.found(model, T::ZERO, q_acceleration)

@@ -26,8 +26,13 @@ pub struct Configuration<T> {
 impl<T: Real> Configuration<T> {
     /// The configuration with the angles (theta10, theta20), rad.
     pub fn new(model: &ArmModel, angle: [T; 2]) -> Self {
-        let e1 = [angle[0].cos(), angle[0].sin()];
-        let e2 = [angle[1].cos(), angle[1].sin()];
+        let [e1, e2] = angle.map(|angle| [angle.cos(), angle.sin()]);
+        Self::towards(model, e1, e2)
+    }
+
+    /// The configuration with link 1 and link 2's chord along the unit vectors `e1` and `e2`.
+    #[inline]
+    pub fn towards(model: &ArmModel, e1: [T; 2], e2: [T; 2]) -> Self {
         let g = model.arm.gravity_m_s2.map(T::from_f64);
         Self {
             e1,

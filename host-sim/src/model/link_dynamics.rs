@@ -88,6 +88,23 @@ struct Frame<T> {
 }
 
 impl<T: Real> Frame<T> {
+    /// At a joint motion, with link 1 of length `r1`, m.
+    #[inline]
+    fn new(joint: &JointMotion<T>, configuration: &Configuration<T>, r1: f64) -> Self {
+        let Configuration { c, s, g_n, g_e, .. } = *configuration;
+        let ([rate1, rate2], [turn1, turn2]) = (joint.rate, joint.acceleration);
+        let squared1 = rate1 * rate1;
+        Self {
+            acceleration: turn2,
+            twice_rate: rate2 + rate2,
+            squared_rate: rate2 * rate2,
+            joint: [
+                (turn1 * c + squared1 * s).scaled(r1) - g_n,
+                (turn1 * s - squared1 * c).scaled(r1) - g_e,
+            ],
+        }
+    }
+
     /// A_n and A_e, m/s^2, of a point at the distance `off` from the chord and the place `along` it, with
     /// their rates and accelerations.
     #[inline]
@@ -132,33 +149,18 @@ pub(crate) fn required_bare<T: Real>(
     let arm = &model.arm;
     let link = &model.link;
     let r1 = arm.link1_length_m;
-    let Configuration { c, s, g_n, g_e, .. } = *configuration;
-    let [rate1, rate2] = joint.rate;
+    let Configuration { c, s, .. } = *configuration;
     let [acceleration1, acceleration2] = joint.acceleration;
-    let squared1 = rate1 * rate1;
-    let frame = Frame {
-        acceleration: acceleration2,
-        twice_rate: rate2 + rate2,
-        squared_rate: rate2 * rate2,
-        joint: [
-            (acceleration1 * c + squared1 * s).scaled(r1) - g_n,
-            (acceleration1 * s - squared1 * c).scaled(r1) - g_e,
-        ],
-    };
+    let frame = Frame::new(joint, configuration, r1);
 
     let n = link.dof();
     let sections = &bent.sections;
-    let Bent {
-        chord: [length, length_t, length_tt],
-        root,
-        tip,
-        ..
-    } = *bent;
+    let (chord, root, tip) = (bent.chord, bent.root, bent.tip);
     elastic.copy_from_slice(&bent.elastic);
-    let [tip_n, tip_e] = frame.acceleration([T::ZERO; 3], [length, length_t, length_tt]);
+    let [tip_n, tip_e] = frame.acceleration([T::ZERO; 3], chord);
     let mut sum_n = tip_n.scaled(arm.tip_mass_kg);
     let mut sum_e = tip_e.scaled(arm.tip_mass_kg);
-    let mut moment = length * (sum_n + configuration.along_n2(force));
+    let mut moment = chord[0] * (sum_n + configuration.along_n2(force));
     // Force along the chord that is needed beyond an element, from the tip inwards.
     let mut beyond = sum_e + configuration.along_e2(force);
     for element in (0..sections.len() / POINTS).rev() {

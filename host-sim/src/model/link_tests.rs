@@ -124,7 +124,10 @@ fn the_mass_matrix_is_that_of_the_equations() {
                 ([0.0, 2.0], [0.0, 0.0]),
                 ([-1.0, 0.3], [5.0, 0.0]),
             ] {
-                let found = bent.under_force(&model, state, torque, force, &mut q_acceleration);
+                bent.shape(&model, state);
+                let at = Configuration::new(&model, state.angle());
+                let found =
+                    bent.under_force(&model, &at, state, torque, force, &mut q_acceleration);
                 let needed = needed(&model, state, found.angle, &q_acceleration, force);
                 let most = q_acceleration.iter().fold(1.0, |m: f64, a| m.max(a.abs()));
                 for (found, given) in needed.torque.iter().zip(torque) {
@@ -156,7 +159,9 @@ fn on_a_surface_the_tip_keeps_its_height_and_the_force_is_the_one_that_it_takes(
         let [mut a, mut b] = [(); 2].map(|()| vec![0.0; model.dof()]);
         let found = on.on_surface(&model, &surface, state, |_| [-3.0, 0.4], &mut a);
         let pressed = surface.normal.map(|n| found.force * n);
-        let same = under.under_force(&model, state, [-3.0, 0.4], pressed, &mut b);
+        under.shape(&model, state);
+        let at = Configuration::new(&model, state.angle());
+        let same = under.under_force(&model, &at, state, [-3.0, 0.4], pressed, &mut b);
         assert!((found.angle[0] - same.angle[0]).abs() < 1e-9 * found.angle[0].abs());
         // The tip's acceleration along the normal, from the chord's and the joints'.
         let [w, w_t, w_tt] = [state.q(), state.q_rate(), &a].map(|q| model.deflection(q));
@@ -185,7 +190,9 @@ fn energy_changes_by_what_torques_and_damping_do() {
             let torque = [2.0, -0.7];
             let mut bent = BentArm::new(&model);
             let mut q_acceleration = vec![0.0; n];
-            let found = bent.under_force(&model, view, torque, [0.0; 2], &mut q_acceleration);
+            bent.shape(&model, view);
+            let at = Configuration::new(&model, view.angle());
+            let found = bent.under_force(&model, &at, view, torque, [0.0; 2], &mut q_acceleration);
             let mut rate = [view.rate().to_vec(), found.angle.to_vec()].concat();
             rate.extend(view.q_rate());
             rate.extend(&q_acceleration);

@@ -16,3 +16,6 @@ pub(crate) mod link_dynamics;
 #[cfg(test)]
 mod link_tests;
 pub mod printed;
+pub(crate) mod rest;
+pub(crate) mod servo;
+pub(crate) mod unknowns;

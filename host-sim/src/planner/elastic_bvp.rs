@@ -7,11 +7,11 @@ use crate::model::configuration::Surface;
 use crate::model::dual::Dual;
 use crate::model::link::LinkModel;
 use crate::model::printed::PrintedDeflection;
+use crate::model::rest::{Unrest, relaxed};
+use crate::model::servo::{Instant, Reference, Servo};
+use crate::model::unknowns::{LANES, Seeded, admits, largest, units_of};
 use crate::planner::collocation::{self, Boundary, CollocationError, Problem, Solution};
-use crate::planner::rest::{Unrest, relaxed};
-use crate::planner::servo::{Instant, Reference, Servo};
 use crate::planner::task::{Equations, PlanError, Task};
-use crate::planner::unknowns::{LANES, Seeded, admits, largest, units_of};
 use crate::planner::zeros::RestZeros;
 use nalgebra::{DMatrix, DVector};
 

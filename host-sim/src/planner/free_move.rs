@@ -11,9 +11,9 @@
 use crate::model::arm_model::ArmModel;
 use crate::model::configuration::Surface;
 use crate::model::link::LinkModel;
+use crate::model::rest::{Rest, rest};
+use crate::model::servo::Reference;
 use crate::planner::path::{JointWay, LinePath, Profile};
-use crate::planner::rest::{Rest, rest};
-use crate::planner::servo::Reference;
 use crate::planner::task::{Ends, PlanError, Task, Travel, Window, surface};
 use crate::planner::tip_force::SurfaceFriction;
 use flexor::model::JointMotion;

@@ -2,9 +2,9 @@
 
 use crate::model::arm_model::ModelError;
 use crate::model::configuration::Surface;
+use crate::model::servo::Reference;
 use crate::planner::collocation::CollocationError;
 use crate::planner::path::{JointWay, LinePath};
-use crate::planner::servo::Reference;
 use crate::planner::tip_force::{FRICTION_SHARE_MAX, NormalForce, SurfaceFriction, TipForce};
 use crate::text::{Shortest, four_digits};
 use flexor::model::{ArmParameters, KinematicsError};

@@ -74,7 +74,7 @@ impl PlantParameters {
     }
 
     /// The kind of its link 2, where that of the arm that was planned for is `planned`.
-    fn link(&self, planned: LinkKind) -> LinkKind {
+    pub fn link(&self, planned: LinkKind) -> LinkKind {
         let damping = self.link_damping.unwrap_or(planned.damping);
         LinkKind {
             model: self.link_model.unwrap_or(planned.model),

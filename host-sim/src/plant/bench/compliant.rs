@@ -20,10 +20,12 @@
 
 use crate::model::arm_model::{ArmModel, ModelError};
 use crate::model::geometric_stiffness::GeometricStiffness;
+use crate::model::link::LinkKind;
 use crate::plant::PlantError;
+use crate::plant::bench::any_arm::{AnyArm, Memory};
 use crate::plant::bench::contact::{Contact, ContactParameters};
 use crate::plant::bench::drive::{DriveParameters, Lag};
-use crate::plant::bench::free_arm::{Bending, FreeArm, Load, Scratch};
+use crate::plant::bench::free_arm::{Bending, Load};
 use crate::plant::bench::joint::{Joint, JointParameters, gear_torque};
 use crate::plant::bench::lanes::Lanes;
 use crate::plant::bench::runge_kutta::RungeKutta;
@@ -44,7 +46,7 @@ pub struct CompliantParameters {
     /// The drives; only their bandwidth is the plant's concern, the rest is
     /// [`crate::plant::bench::Drive`]'s.
     pub drives: [DriveParameters; 2],
-    /// Axial forces that change the bending stiffness.
+    /// Axial forces that change a linear link's bending stiffness; in the exact model they do.
     pub geometric_stiffness: GeometricStiffness,
     /// Integration steps a control period; `None` derives them from the largest eigenvalue.
     pub substeps: Option<u32>,
@@ -63,11 +65,17 @@ impl CompliantParameters {
         }
     }
 
-    /// The model of `arm` in so many `elements` with the rotors that turn with its links.
+    /// The model of `arm` in so many `elements`, with a link of that kind and the rotors that turn with its
+    /// links.
     ///
     /// # Errors
     /// [`ModelError`].
-    pub fn model(&self, arm: &ArmParameters, elements: usize) -> Result<ArmModel, ModelError> {
+    pub fn model(
+        &self,
+        arm: &ArmParameters,
+        elements: usize,
+        link: LinkKind,
+    ) -> Result<ArmModel, ModelError> {
         let added = self.joints.map(|joint| match joint.play {
             None => joint.reflected_inertia_kgm2(),
             Some(_) => 0.0,
@@ -76,7 +84,7 @@ impl CompliantParameters {
             root_inertia_kgm2: arm.root_inertia_kgm2 + added[1],
             ..*arm
         };
-        let mut model = ArmModel::new(&arm, elements)?;
+        let mut model = ArmModel::of_kind(&arm, elements, link)?;
         model.link1_inertia += added[0];
         self.geometric_stiffness.restrict(&mut model);
         Ok(model)
@@ -138,7 +146,7 @@ pub enum CompliantError {
     },
     /// Arms that cannot advance side by side.
     #[error(
-        "these arms cannot advance together: the same number of elements, the same geometric_stiffness and play in the same joints are accepted"
+        "these arms cannot advance together: the same number of elements, link model, geometric_stiffness and play in the same joints are accepted"
     )]
     Lanes,
 }
@@ -244,7 +252,7 @@ impl<T: Lanes> Outputs<T> {
 /// The equations of motion, in lanes.
 #[derive(Clone, Debug)]
 struct Equations<T> {
-    arm: FreeArm<T>,
+    arm: AnyArm<T>,
     surface: SurfaceShape<T>,
     contact: Contact<T>,
     joints: [Joint<T>; 2],
@@ -268,18 +276,16 @@ impl<T: Lanes> Equations<T> {
         torque: [T; 2],
         state: &[T],
         slope: &mut [T],
-        scratch: &mut Scratch<T>,
+        memory: &mut Memory<T>,
     ) -> Outputs<T> {
         let n = self.arm.dof();
         let (angle, rate) = ([state[0], state[1]], [state[2], state[3]]);
-        let (q, rest) = state[4..].split_at(n);
-        let (q_rate, further) = rest.split_at(n);
+        let (state, further) = state.split_at(4 + 2 * n);
         let (slope, further_slope) = slope.split_at_mut(4 + 2 * n);
 
-        let pose = self.arm.pose(angle);
-        let bending = self.arm.bending(q, q_rate);
-        let motors = self.motors(torque, (angle, rate), &bending, further, further_slope);
-        let (tip, tip_velocity) = self.arm.tip(&pose, rate);
+        let stance = self.arm.stance(state, memory);
+        let (bending, tip, tip_velocity) = (&stance.bending, stance.tip, stance.tip_velocity);
+        let motors = self.motors(torque, (angle, rate), bending, further, further_slope);
         let touch = self.surface.depth(tip);
         let [nx, ny] = touch.normal;
         let sliding = ny * tip_velocity[0] - nx * tip_velocity[1];
@@ -298,12 +304,10 @@ impl<T: Lanes> Equations<T> {
             ],
         };
         let (slow, fast) = slope.split_at_mut(4 + n);
-        let turn = self
-            .arm
-            .forward(&pose, rate, (q, q_rate), &bending, &load, (fast, scratch));
+        let turn = self.arm.forward(&stance, state, &load, (fast, memory));
         slow[..2].copy_from_slice(&rate);
         slow[2..4].copy_from_slice(&turn);
-        slow[4..].copy_from_slice(q_rate);
+        slow[4..].copy_from_slice(&state[4 + n..]);
         Outputs {
             angle,
             rate,
@@ -377,7 +381,7 @@ impl<T: Lanes> Equations<T> {
 pub struct CompliantPlant<T> {
     equations: Equations<T>,
     method: RungeKutta<T>,
-    scratch: Scratch<T>,
+    memory: Memory<T>,
     lag: Lag<T>,
     /// Integration step, s, and how many make a control period.
     step: f64,
@@ -442,7 +446,8 @@ impl<T: Lanes> CompliantPlant<T> {
         let kind = |arm: &CompliantArm<'_>| {
             let p = arm.parameters;
             let plays = p.joints.map(|joint| joint.play.is_some());
-            (arm.model.elements, p.geometric_stiffness, plays)
+            let link = arm.model.link.kind.model;
+            (arm.model.elements, link, p.geometric_stiffness, plays)
         };
         let mut steps = 1;
         for arm in arms {
@@ -455,10 +460,10 @@ impl<T: Lanes> CompliantPlant<T> {
         }
         let parameters = |lane: usize| arms[lane].parameters;
         let geometric = arms[0].parameters.geometric_stiffness;
-        let arm = FreeArm::new(|lane| arms[lane].model, geometric.is_any());
+        let arm = AnyArm::new(|lane| arms[lane].model, geometric.is_any());
         let step = period_s / f64::from(steps);
         Ok(Self {
-            scratch: arm.scratch(),
+            memory: arm.memory(),
             equations: Equations {
                 arm,
                 surface: SurfaceShape::new(|lane| &parameters(lane).surface),
@@ -492,7 +497,7 @@ impl<T: Lanes> CompliantPlant<T> {
         let Self {
             equations,
             method,
-            scratch,
+            memory,
             lag,
             ..
         } = self;
@@ -502,7 +507,7 @@ impl<T: Lanes> CompliantPlant<T> {
             method.step(&mut self.state, self.step, |_, state, slope| {
                 let torque = lag.at(stage, begun, target);
                 stage += 1;
-                equations.derivative(torque, state, slope, scratch);
+                equations.derivative(torque, state, slope, memory);
             });
             self.torque = lag.at(4, begun, target);
         }
@@ -511,10 +516,13 @@ impl<T: Lanes> CompliantPlant<T> {
     /// What can be seen now.
     pub fn outputs(&mut self) -> Outputs<T> {
         let Self {
-            equations, slope, ..
+            equations,
+            slope,
+            memory,
+            ..
         } = self;
-        let mut outputs = equations.derivative(self.torque, &self.state, slope, &mut self.scratch);
-        outputs.root_moment = outputs.root_torque - equations.arm.hub_torque(slope);
+        let mut outputs = equations.derivative(self.torque, &self.state, slope, memory);
+        outputs.root_moment = outputs.root_torque - equations.arm.hub_torque(slope, memory);
         outputs
     }
 }

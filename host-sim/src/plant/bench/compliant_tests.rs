@@ -88,7 +88,9 @@ fn resting(
     elements: usize,
     parameters: &CompliantParameters,
 ) -> (CompliantPlant<f64>, RestState) {
-    let model = parameters.model(arm, elements).unwrap();
+    let model = parameters
+        .model(arm, elements, LinkKind::default())
+        .unwrap();
     let start = parameters.rest(&model, 0.7, FORCE_N).unwrap();
     let arm = CompliantArm {
         model: &model,
@@ -120,7 +122,9 @@ fn it_starts_at_its_own_equilibrium_on_the_real_surface() {
 #[test]
 fn places_without_a_start_are_refused() {
     let mut parameters = ideal();
-    let model = parameters.model(&testing::PAPER, 3).unwrap();
+    let model = parameters
+        .model(&testing::PAPER, 3, LinkKind::default())
+        .unwrap();
     let error = parameters.rest(&model, 1.2, FORCE_N).unwrap_err();
     assert!(
         matches!(error, CompliantError::Unreachable { .. }),
@@ -215,7 +219,9 @@ fn let_go(
         substeps: Some(substeps),
         ..parameters.clone()
     };
-    let model = parameters.model(&testing::PAPER, 4).unwrap();
+    let model = parameters
+        .model(&testing::PAPER, 4, LinkKind::default())
+        .unwrap();
     let mut start = parameters.rest(&model, 0.7, FORCE_N).unwrap();
     start.state[0] += turn[0];
     start.state[1] += turn[1];
@@ -334,7 +340,7 @@ proptest! {
         for joint in &mut parameters.joints {
             joint.cogging.amplitude_nm *= 0.1;
         }
-        let model = parameters.model(&testing::PAPER, 3).unwrap();
+        let model = parameters.model(&testing::PAPER, 3, LinkKind::default()).unwrap();
         // Beside the hole, which it may slide into.
         let mut start = parameters.rest(&model, 0.54, FORCE_N).unwrap();
         start.state[0] -= lift;
@@ -376,7 +382,7 @@ fn ledger(
     (ticks, scale, seed): (u32, f64, u64),
     mut check: impl FnMut(f64, f64),
 ) {
-    let model = parameters.model(arm, 3).unwrap();
+    let model = parameters.model(arm, 3, LinkKind::default()).unwrap();
     let start = parameters.rest(&model, 0.54, FORCE_N).unwrap();
     let arm = CompliantArm {
         model: &model,
@@ -533,7 +539,9 @@ fn a_drives_torque_rises_as_its_lag() {
 fn off_its_edge_the_tip_falls_freely() {
     let mut parameters = ideal();
     let (mut plant, start) = {
-        let model = parameters.model(&testing::PAPER, 3).unwrap();
+        let model = parameters
+            .model(&testing::PAPER, 3, LinkKind::default())
+            .unwrap();
         let start = parameters.rest(&model, 0.7, FORCE_N).unwrap();
         parameters.surface.features = vec![SurfaceFeature::End { at_m: 0.69 }];
         let arm = CompliantArm {
@@ -586,7 +594,10 @@ fn arms_of_different_kinds_do_not_advance_together() {
         geometric_stiffness: GeometricStiffness::Full,
         ..own.clone()
     };
-    let models = [3, 4].map(|elements| own.model(&testing::PAPER, elements).unwrap());
+    let models = [3, 4].map(|elements| {
+        own.model(&testing::PAPER, elements, LinkKind::default())
+            .unwrap()
+    });
     let starts = [0, 1].map(|i| own.rest(&models[i], 0.7, FORCE_N).unwrap());
     let arm = |i: usize, parameters| CompliantArm {
         model: &models[i],
@@ -623,7 +634,7 @@ fn each_lane_has_the_bits_of_a_plant_alone() {
         let four = four(&parameters);
         let models: Vec<_> = four
             .iter()
-            .map(|(arm, own)| own.model(arm, elements).unwrap())
+            .map(|(arm, own)| own.model(arm, elements, LinkKind::default()).unwrap())
             .collect();
         let starts: Vec<_> = four
             .iter()

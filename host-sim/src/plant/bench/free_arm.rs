@@ -52,7 +52,7 @@ pub(super) struct Scratch<T> {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pose<T> {
     /// Directions of link 1 and of link 2's chord.
-    e: [[T; 2]; 2],
+    pub(super) e: [[T; 2]; 2],
     /// Cosine and sine of theta21.
     c: T,
     s: T,
@@ -81,6 +81,39 @@ pub(super) struct Load<T> {
     pub(super) root: T,
     /// Force of the tip on the surface, inertial axes, N.
     pub(super) tip: [T; 2],
+}
+
+impl<T: Lanes> Pose<T> {
+    /// The pose at the angles (theta10, theta20), rad.
+    #[inline]
+    pub(super) fn at(angle: [T; 2]) -> Self {
+        let e = angle.map(|a| {
+            let (sine, cosine) = a.sin_cos();
+            [cosine, sine]
+        });
+        Self {
+            e,
+            c: e[0][0] * e[1][0] + e[0][1] * e[1][1],
+            s: e[0][0] * e[1][1] - e[0][1] * e[1][0],
+        }
+    }
+}
+
+impl<T: Lanes> Bending<T> {
+    /// Of a link of which nothing but the slope at its root is asked, rad and rad/s.
+    #[inline]
+    pub(super) fn of_root(root: T, root_rate: T) -> Self {
+        let zero = T::ZERO;
+        Self {
+            b_q: zero,
+            b_rate: zero,
+            root,
+            root_rate,
+            square: zero,
+            square_rate: zero,
+            tip: zero,
+        }
+    }
 }
 
 /// Sum of the products.
@@ -149,20 +182,6 @@ impl<T: Lanes> FreeArm<T> {
     pub(super) fn scratch(&self) -> Scratch<T> {
         Scratch {
             axial: vec![T::ZERO; self.dof()],
-        }
-    }
-
-    /// The pose at the angles (theta10, theta20), rad.
-    #[inline]
-    pub(super) fn pose(&self, angle: [T; 2]) -> Pose<T> {
-        let e = angle.map(|a| {
-            let (sine, cosine) = a.sin_cos();
-            [cosine, sine]
-        });
-        Pose {
-            e,
-            c: e[0][0] * e[1][0] + e[0][1] * e[1][1],
-            s: e[0][0] * e[1][1] - e[0][1] * e[1][0],
         }
     }
 
@@ -370,7 +389,7 @@ mod tests {
                     forward(&model, &surface, view, &drive, &mut workspace, &mut exact_q);
 
                 let free = FreeArm::<f64>::new(|_| &model, geometric);
-                let pose = free.pose(view.angle());
+                let pose = Pose::at(view.angle());
                 let bending = free.bending(view.q(), view.q_rate());
                 let load = Load {
                     link1: torque[0] - torque[1],

@@ -3,13 +3,16 @@
 //! | file | law |
 //! |---|---|
 //! | `compliant`, `rest`, `step` | the bench's plant: its laws put together, start, step |
-//! | `free_arm` | the arm's equations with the tip's force as an input |
+//! | `any_arm`, `free_arm` | the arm's equations with the tip's force as an input, with either model of its link |
 //! | `pressed` | its smooth part alone, for linearisation |
 //! | `surface`, `contact`, `bristle` | surface, one-sided contact, friction with pre-sliding |
 //! | `joint` | friction, cogging, rotor, gear play |
 //! | `drive`, `sensors`, `noise` | from command to torque, from motion to counts |
 //! | `lanes`, `four_lanes`, `runge_kutta` | several plants at once, and their integration |
 
+mod any_arm;
+#[cfg(test)]
+mod bent_tests;
 mod bristle;
 mod compliant;
 #[cfg(test)]

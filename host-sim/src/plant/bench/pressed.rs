@@ -7,8 +7,9 @@
 //! plant's.
 
 use crate::model::arm_model::ArmModel;
+use crate::plant::bench::any_arm::{AnyArm, Memory};
 use crate::plant::bench::contact::pressing;
-use crate::plant::bench::free_arm::{FreeArm, Load, Scratch};
+use crate::plant::bench::free_arm::Load;
 use crate::plant::bench::lanes::Lanes;
 
 /// A plane that a tip presses on, with friction of a given direction.
@@ -54,21 +55,17 @@ pub struct PressedReading<T> {
 /// An arm whose tip presses on a plane, or is in the air.
 #[derive(Clone, Debug)]
 pub struct PressedArm<T> {
-    arm: FreeArm<T>,
+    arm: AnyArm<T>,
     plane: Option<PressedPlane>,
-    scratch: Scratch<T>,
+    memory: Memory<T>,
 }
 
 impl<T: Lanes> PressedArm<T> {
     /// `model`'s arm on `plane`; `geometric` lets axial forces change its bending stiffness.
     pub fn new(model: &ArmModel, geometric: bool, plane: Option<PressedPlane>) -> Self {
-        let arm = FreeArm::new(|_| model, geometric);
-        let scratch = arm.scratch();
-        Self {
-            arm,
-            plane,
-            scratch,
-        }
+        let arm = AnyArm::new(|_| model, geometric);
+        let memory = arm.memory();
+        Self { arm, plane, memory }
     }
 
     /// Writes the derivative of `state` to `slope` and returns what is seen, the drives giving
@@ -84,10 +81,9 @@ impl<T: Lanes> PressedArm<T> {
     ) -> PressedReading<T> {
         let n = self.arm.dof();
         let (angle, rate) = ([state[0], state[1]], [state[2], state[3]]);
-        let (q, q_rate) = state[4..4 + 2 * n].split_at(n);
-        let pose = self.arm.pose(angle);
-        let bending = self.arm.bending(q, q_rate);
-        let (tip, velocity) = self.arm.tip(&pose, rate);
+        let state = &state[..4 + 2 * n];
+        let stance = self.arm.stance(state, &mut self.memory);
+        let (tip, velocity) = (stance.tip, stance.tip_velocity);
         let (mut force, mut on_surface) = (T::ZERO, [T::ZERO; 2]);
         if let Some(plane) = &self.plane {
             let normal = plane.normal.map(T::from_f64);
@@ -104,15 +100,14 @@ impl<T: Lanes> PressedArm<T> {
             tip: on_surface,
         };
         let (head, q_acceleration) = slope[..4 + 2 * n].split_at_mut(4 + n);
-        let motion = (q, q_rate);
-        let work = (q_acceleration, &mut self.scratch);
-        let turn = self.arm.forward(&pose, rate, motion, &bending, &load, work);
+        let work = (q_acceleration, &mut self.memory);
+        let turn = self.arm.forward(&stance, state, &load, work);
         head[..2].copy_from_slice(&rate);
         head[2..4].copy_from_slice(&turn);
-        head[4..].copy_from_slice(q_rate);
+        head[4..].copy_from_slice(&state[4 + n..]);
         PressedReading {
-            motor_angle: [angle[0], angle[1] + bending.root - angle[0]],
-            root_moment: torque[1] - self.arm.hub_torque(slope),
+            motor_angle: [angle[0], angle[1] + stance.bending.root - angle[0]],
+            root_moment: torque[1] - self.arm.hub_torque(slope, &self.memory),
             force,
         }
     }

@@ -2,6 +2,7 @@
 
 use crate::model::arm_model::{ArmModel, ModelError};
 use crate::model::geometric_stiffness::GeometricStiffness;
+use crate::model::link::{LinkKind, LinkModel};
 use crate::planner::plan::Plan;
 use crate::planner::task::Travel;
 use crate::plant::PlantError;
@@ -96,8 +97,8 @@ pub struct Course {
 const GRID: [u32; 7] = [1, 2, 3, 4, 5, 6, 7];
 
 impl BenchArm {
-    /// The arm that is `arm` in so many `elements` with these `parameters` and `sensors`, at rest
-    /// where `plan` begins.
+    /// The arm that is `arm` in so many `elements`, its link of a kind, with these `parameters` and
+    /// `sensors`, at rest where `plan` begins.
     ///
     /// The integration step is chosen here, for the whole plan, and rounded up on a coarse grid, so
     /// that many arms of a campaign share it and can advance side by side.
@@ -107,14 +108,14 @@ impl BenchArm {
     pub fn new(
         plan: &Plan,
         arm: &ArmParameters,
-        elements: usize,
+        (elements, link): (usize, LinkKind),
         mut parameters: CompliantParameters,
         sensors: SensorParameters,
         course: Course,
     ) -> Result<Self, BenchError> {
         // Before the choice of the step, which knows no rotor without a mass.
         parameters.check_rotors()?;
-        let model = parameters.model(arm, elements)?;
+        let model = parameters.model(arm, elements, link)?;
         let first = &plan.points[0];
         let along_m = parameters.surface.along(first.tip.position);
         let start = match (plan.task.travel, course.gap_m) {
@@ -151,6 +152,7 @@ impl BenchArm {
         ArmKind {
             substeps: p.substeps,
             elements: self.model.elements,
+            link: self.model.link.kind.model,
             geometric_stiffness: p.geometric_stiffness,
             play: p.joints.map(|joint| joint.play.is_some()),
         }
@@ -180,6 +182,7 @@ impl BenchArm {
 pub struct ArmKind {
     substeps: Option<u32>,
     elements: usize,
+    link: LinkModel,
     geometric_stiffness: GeometricStiffness,
     play: [bool; 2],
 }

@@ -9,16 +9,16 @@ use nalgebra::DVector;
 
 /// Largest sine of a section angle: 72 degrees. The unknown that it is cannot pass 1, and near a right
 /// angle a link of Hermite elements means nothing any more.
-pub(super) const SECTION_SINE_MAX: f64 = 0.95;
+pub(crate) const SECTION_SINE_MAX: f64 = 0.95;
 
 /// Derivatives that are computed at a time.
-pub(super) const LANES: usize = 8;
+pub(crate) const LANES: usize = 8;
 
 /// The unknowns with their derivatives by `N` of them, rates and accelerations, from the one number
 /// `from` on.
-pub(super) struct Seeded<'a, const N: usize> {
-    pub(super) values: [&'a [f64]; 3],
-    pub(super) from: usize,
+pub(crate) struct Seeded<'a, const N: usize> {
+    pub(crate) values: [&'a [f64]; 3],
+    pub(crate) from: usize,
 }
 
 impl<const N: usize> Nodal<Dual<N>> for Seeded<'_, N> {
@@ -39,7 +39,7 @@ impl<const N: usize> Nodal<Dual<N>> for Seeded<'_, N> {
 }
 
 /// What one of each unknown of `model` is worth: 1 rad, or link 2's length, m.
-pub(super) fn units_of(model: &ArmModel) -> DVector<f64> {
+pub(crate) fn units_of(model: &ArmModel) -> DVector<f64> {
     DVector::from_fn(model.dof(), |i, _| match is_deflection(i, model.dof()) {
         true => model.arm.link2_length_m,
         false => 1.0,
@@ -47,7 +47,7 @@ pub(super) fn units_of(model: &ArmModel) -> DVector<f64> {
 }
 
 /// Whether `model`'s link can have the nodal unknowns `q`, whose slopes are without units.
-pub(super) fn admits(model: &ArmModel, q: &[f64]) -> bool {
+pub(crate) fn admits(model: &ArmModel, q: &[f64]) -> bool {
     model.link.kind.model == LinkModel::Linear || steepest_sine(q) < SECTION_SINE_MAX
 }
 
@@ -59,14 +59,14 @@ fn is_deflection(i: usize, dof: usize) -> bool {
 }
 
 /// Largest nodal slope: the sine of a section angle.
-pub(super) fn steepest_sine(q: &[f64]) -> f64 {
+pub(crate) fn steepest_sine(q: &[f64]) -> f64 {
     let slopes = q.iter().enumerate();
     let slopes = slopes.filter(|(i, _)| !is_deflection(*i, q.len()));
     slopes.fold(0.0, |most, (_, slope)| slope.abs().max(most))
 }
 
 /// Largest nodal slope (rad) or deflection (share of `length_m`, link 2's); NaN if any is.
-pub(super) fn largest(w: &[f64], length_m: f64) -> f64 {
+pub(crate) fn largest(w: &[f64], length_m: f64) -> f64 {
     let size = |(i, size): (usize, &f64)| match is_deflection(i, w.len()) {
         true => size.abs() / length_m,
         false => size.abs(),

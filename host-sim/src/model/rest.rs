@@ -3,14 +3,14 @@
 use crate::model::arm_model::ArmModel;
 use crate::model::bending::Given;
 use crate::model::dual::Dual;
-use crate::planner::servo::{Reference, Servo};
-use crate::planner::unknowns::{LANES, SECTION_SINE_MAX, Seeded, admits, steepest_sine, units_of};
+use crate::model::servo::{Reference, Servo};
+use crate::model::unknowns::{LANES, SECTION_SINE_MAX, Seeded, admits, steepest_sine, units_of};
 use flexor::model::JointMotion;
 use nalgebra::{DMatrix, DVector};
 
 /// Why no rest was found from where it was looked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Unrest {
+pub(crate) enum Unrest {
     /// The equations have no value at the shape that was come to.
     Undefined,
     /// A section stands too steeply.
@@ -20,14 +20,18 @@ pub(super) enum Unrest {
 }
 
 /// The arm at rest.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Rest {
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Rest {
     /// (theta10, theta20), rad.
-    pub(super) angle: [f64; 2],
+    pub(crate) angle: [f64; 2],
     /// Length of link 2's chord, m.
-    pub(super) chord_m: f64,
+    pub(crate) chord_m: f64,
     /// Angle of the root's tangent against the chord, rad.
-    pub(super) root_slope_rad: f64,
+    pub(crate) root_slope_rad: f64,
+    /// Nodal unknowns of link 2.
+    pub(crate) nodal: Vec<f64>,
+    /// Torques that hold it, N m.
+    pub(crate) torque: [f64; 2],
 }
 
 /// `model`'s arm at rest where `reference` prescribes it (of which rates and accelerations count as
@@ -35,7 +39,7 @@ pub(super) struct Rest {
 ///
 /// # Errors
 /// [`Unrest`].
-pub(super) fn rest(
+pub(crate) fn rest(
     model: &ArmModel,
     reference: &Reference,
     force: [f64; 2],
@@ -86,6 +90,8 @@ pub(super) fn rest(
         angle: at.joint.angle,
         chord_m: at.chord[0],
         root_slope_rad: at.root.angle[0],
+        nodal: w,
+        torque: at.torque,
     })
 }
 
@@ -94,7 +100,7 @@ pub(super) fn rest(
 ///
 /// # Errors
 /// [`Unrest`], with `q` as far as it came.
-pub(super) fn relaxed(
+pub(crate) fn relaxed(
     mut q: Vec<f64>,
     linearise: impl Fn(&[f64]) -> (Vec<f64>, DMatrix<f64>),
     admits: impl Fn(&[f64]) -> bool,

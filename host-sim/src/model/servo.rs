@@ -15,7 +15,7 @@ use flexor::number::Real;
 
 /// What a task prescribes at an instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Reference {
+pub(crate) enum Reference {
     /// The tip's position, velocity and acceleration, m, m/s, m/s^2, inertial axes.
     Tip([[f64; 2]; 3]),
     /// The motion of link 1 and of link 2's chord.
@@ -24,7 +24,7 @@ pub(super) enum Reference {
 
 impl Reference {
     /// With the joints told where the link's shape has no part in them.
-    pub(super) fn resolved(self, model: &ArmModel) -> Result<Self, KinematicsError> {
+    pub(crate) fn resolved(self, model: &ArmModel) -> Result<Self, KinematicsError> {
         match (self, model.link.kind.model) {
             (Self::Tip(tip), LinkModel::Linear) => {
                 let chord = [model.arm.link2_length_m, 0.0, 0.0];
@@ -37,20 +37,20 @@ impl Reference {
 
 /// The arm at an instant.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Instant<T> {
+pub(crate) struct Instant<T> {
     /// Motion of link 1 and of link 2's chord.
-    pub(super) joint: JointMotion<T>,
+    pub(crate) joint: JointMotion<T>,
     /// Length of the chord, m, its rate and acceleration.
-    pub(super) chord: [T; 3],
+    pub(crate) chord: [T; 3],
     /// Link 2's section at joint 2.
-    pub(super) root: EndAngle<T>,
+    pub(crate) root: EndAngle<T>,
     /// The torques that the motion takes, N m.
-    pub(super) torque: [T; 2],
+    pub(crate) torque: [T; 2],
 }
 
 /// Memory for what an arm's motion takes.
 #[derive(Clone, Debug)]
-pub(super) struct Servo<T> {
+pub(crate) struct Servo<T> {
     bent: Bent<T>,
     /// What is left of the elastic equations.
     residual: Vec<T>,
@@ -58,7 +58,7 @@ pub(super) struct Servo<T> {
 
 impl<T: Real> Servo<T> {
     /// For `model`'s arm.
-    pub(super) fn new(model: &ArmModel) -> Self {
+    pub(crate) fn new(model: &ArmModel) -> Self {
         Self {
             bent: Bent::empty(&model.link),
             residual: vec![T::ZERO; model.dof()],
@@ -70,7 +70,7 @@ impl<T: Real> Servo<T> {
     ///
     /// # Errors
     /// [`KinematicsError`] where the tip is out of reach with the link so bent.
-    pub(super) fn follow(
+    pub(crate) fn follow(
         &mut self,
         model: &ArmModel,
         reference: &Reference,
@@ -98,7 +98,7 @@ impl<T: Real> Servo<T> {
 
     /// What the instant last followed has left of the elastic equations: nothing for a motion that the
     /// torques sustain. Moments for slopes, N m, forces for deflections, N.
-    pub(super) fn residual(&self) -> &[T] {
+    pub(crate) fn residual(&self) -> &[T] {
         &self.residual
     }
 }
