@@ -109,13 +109,20 @@ fn simulate_2_s(bencher: divan::Bencher<'_, '_>, elements: usize) {
 /// contact, single thread. Lanes by time (s) are plants in real time.
 #[divan::bench(types = [f64, F64x4], args = [3, 4, 8, 12])]
 fn bench_plant_1_s<T: Lanes>(bencher: divan::Bencher<'_, '_>, elements: usize) {
-    compliant::<T>(bencher, elements, &ideal(2e4));
+    compliant::<T>(bencher, &paper(2.0), elements, &ideal(2e4));
+}
+
+/// The same with the geometrically exact link.
+#[divan::bench(types = [f64, F64x4], args = [3, 4, 8])]
+fn bench_plant_1_s_geometrically<T: Lanes>(bencher: divan::Bencher<'_, '_>, elements: usize) {
+    let plan = paper_with(2.0, &geometric(3));
+    compliant::<T>(bencher, &plan, elements, &ideal(2e4));
 }
 
 /// The same with eight elements on contacts of other stiffness, N/m.
 #[divan::bench(types = [f64, F64x4], args = [2e3, 2e4, 1e5, 1e6])]
 fn bench_plant_1_s_by_stiffness<T: Lanes>(bencher: divan::Bencher<'_, '_>, stiffness: f64) {
-    compliant::<T>(bencher, 8, &ideal(stiffness));
+    compliant::<T>(bencher, &paper(2.0), 8, &ideal(stiffness));
 }
 
 /// The same with everything on: friction, cogging, rotors, lag, waviness, a hole, geometric
@@ -140,7 +147,7 @@ fn bench_plant_1_s_with_everything<T: Lanes>(bencher: divan::Bencher<'_, '_>, el
         joint.rotor_inertia_kgm2 = 3e-5;
         drive.bandwidth_hz = Some(300.0);
     }
-    compliant::<T>(bencher, elements, &parameters);
+    compliant::<T>(bencher, &paper(2.0), elements, &parameters);
 }
 
 /// The paper's surface with a contact of `stiffness` N/m.
@@ -156,10 +163,10 @@ fn ideal(stiffness: f64) -> CompliantParameters {
 
 fn compliant<T: Lanes>(
     bencher: divan::Bencher<'_, '_>,
+    plan: &Plan,
     elements: usize,
     parameters: &CompliantParameters,
 ) {
-    let plan = paper(2.0);
     let model = parameters
         .model(&plan.model.arm, elements, plan.model.link.kind)
         .expect("a model");
