@@ -292,6 +292,10 @@ fn every_field_of_the_planners_files_is_guarded() {
                     );
                 }
             }
+            // Left out, the link is the exact one.
+            if key == "model" {
+                continue;
+            }
             let output = with_line(at, None);
             let message = text(&output.stderr);
             assert_eq!(output.status.code(), Some(2), "without {key}: {message}");

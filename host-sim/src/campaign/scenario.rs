@@ -5,6 +5,7 @@ use crate::campaign::keys::Key;
 use crate::campaign::setup::BenchSetup;
 use crate::campaign::verdict::Limits as VerdictLimits;
 use crate::model::geometric_stiffness::GeometricStiffness;
+use crate::model::link::LinkModel;
 use crate::plant::bench::{GaugeSignal, RandomStream, SurfaceFeature};
 use crate::simulation::bench::{FailureLimits, TimedFault};
 use flexor::control::LawParameters;
@@ -16,6 +17,8 @@ pub struct Scenario {
     pub numbers: Vec<(&'static Key, Distribution)>,
     /// Axial forces that change the bending stiffness.
     pub geometric_stiffness: GeometricStiffness,
+    /// How link 2 bends; `None` for as it was planned.
+    pub link_model: Option<LinkModel>,
     /// What the root gauge shows; `None` for the moment, as a gauge does, or what
     /// [`for_law`](Self::for_law) makes of it.
     pub gauge_signal: Option<GaugeSignal>,
@@ -72,6 +75,7 @@ impl Scenario {
     fn with(&self, value: impl Fn(&Key, &Distribution) -> f64) -> (BenchSetup, Vec<f64>) {
         let mut setup = BenchSetup::default();
         setup.plant.geometric_stiffness = self.geometric_stiffness;
+        setup.plant.link_model = self.link_model;
         setup.compliant.surface.features.clone_from(&self.features);
         setup.faults.clone_from(&self.faults);
         if let Some(signal) = self.gauge_signal {

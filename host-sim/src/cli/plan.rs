@@ -4,7 +4,7 @@
 use super::{CliError, Common, ModelArg, Output, print, print_facts, say};
 use crate::files::config::ArmConfig;
 use crate::files::export;
-use crate::model::link::LinkModel;
+use crate::model::link::{LinkKind, LinkModel};
 use crate::planner::limits::default_limits;
 use crate::planner::plan::{Plan, PlanOptions, PlanPoint};
 use crate::planner::table_fit::EncodedTable;
@@ -236,7 +236,14 @@ impl Common {
                 ModelArg::Exact => Equations::Exact,
                 ModelArg::AsPrinted => Equations::AsPrinted,
             },
-            link: arm.link,
+            link: LinkKind {
+                // What the paper prints is for small deflections.
+                model: match self.model {
+                    ModelArg::Exact => arm.link.model,
+                    ModelArg::AsPrinted => LinkModel::Linear,
+                },
+                ..arm.link
+            },
             ..PlanOptions::default()
         };
         let milliseconds = |since: Instant| since.elapsed().as_secs_f64() * 1e3;

@@ -9,6 +9,9 @@ use flexor::model::{ArmParameters, Elbow};
 use flexor::supervisor::MonitorParameters;
 use serde::Deserialize;
 
+/// The link's model where a file says none: the one that is true for links that bend.
+const MODEL: LinkModel = LinkModel::Geometric;
+
 /// `arm.toml`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ArmConfig {
@@ -234,7 +237,7 @@ pub fn parse_arm(file: &str, text: &str) -> Result<ArmConfig, ConfigError> {
         },
         elements: check.whole("link2.elements", link2.elements)? as usize,
         link: LinkKind {
-            model: link2.model.map(LinkModel::from).unwrap_or_default(),
+            model: link2.model.map_or(MODEL, LinkModel::from),
             damping: link_damping(
                 &check,
                 link2.damping,

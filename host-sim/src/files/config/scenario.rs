@@ -21,6 +21,7 @@ use crate::campaign::distribution::Distribution;
 use crate::campaign::keys::{KEYS, Key};
 use crate::campaign::scenario::Scenario;
 use crate::campaign::verdict::Limits as VerdictLimits;
+use crate::model::link::LinkModel;
 use crate::plant::bench::{GaugeSignal, SurfaceFeature};
 use crate::simulation::bench::{FAULT_NAMES, FailureLimits, FaultName, TimedFault, WISH_NAMES};
 use crate::text::{Shortest, one_line};
@@ -294,6 +295,12 @@ impl Reader<'_> {
                     scenario.geometric_stiffness =
                         read.ok_or_else(|| self.refused(&full, &value, &accepted))?;
                 }
+                ("plant.model", value) => {
+                    let read = value.as_str().and_then(LinkModel::from_name);
+                    let accepted = accepted_word("model").unwrap_or_default();
+                    scenario.link_model =
+                        Some(read.ok_or_else(|| self.refused(&full, &value, &accepted))?);
+                }
                 ("root_gauge.measures", value) => {
                     let accepted = "\"moment\" or \"slope\"";
                     scenario.gauge_signal = Some(match value.as_str() {
@@ -506,7 +513,7 @@ fn unknown(name: &str) -> String {
         None => vec![],
     };
     match section {
-        Some("plant") => known.push("geometric_stiffness"),
+        Some("plant") => known.extend(["geometric_stiffness", "model"]),
         Some("root_gauge") => known.push("measures"),
         Some("surface") => known.push("features"),
         _ => {}
