@@ -53,6 +53,17 @@ pub(crate) fn one_line(text: &str, most: usize) -> String {
     line
 }
 
+/// A word as a shell takes it.
+#[cfg(any(feature = "campaign", test))]
+pub(crate) fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "/._-+=:,@%".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', r"'\''"))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -76,6 +87,13 @@ mod tests {
         assert_eq!(four_digits(10.961_42).to_string(), "10.96");
         assert_eq!(round_away_from_zero(10.961_42).to_string(), "10.97");
         assert_eq!(round_away_from_zero(9.999_9).to_string(), "10");
+    }
+
+    #[test]
+    fn words_are_quoted_where_a_shell_would_take_them_apart() {
+        assert_eq!(quoted("out/a-b_1.toml"), "out/a-b_1.toml");
+        assert_eq!(quoted("a b'; rm -r \"c\""), r#"'a b'\''; rm -r "c"'"#);
+        assert_eq!(quoted(""), "''");
     }
 
     #[test]

@@ -1,9 +1,11 @@
 //! The command `accuracy`.
 
+use super::provenance::{Provenance, with_timing};
 use super::{CliError, Common, Output, controller, pages, print, print_facts, progress_bar};
 use crate::analysis::fixed_point::accuracy::{Accuracy, Errors};
 use crate::analysis::fixed_point::range::Analysis;
 use crate::analysis::fixed_point::{accuracy, range};
+use crate::files::config::PAPER_CONTROLLER;
 use crate::files::export;
 use crate::simulation::cases;
 use crate::simulation::closed_loop::RunOptions;
@@ -20,6 +22,10 @@ pub(super) struct AccuracyArgs {
     /// Gains; without it those of examples/controller_paper.toml
     #[arg(long, value_name = "FILE")]
     controller: Option<PathBuf>,
+    /// Largest torque error, N m, that is accepted of joint 1 and of joint 2 in closed loop, of either
+    /// number type; without it the bounds alone are held. The plant is the demo's soft one
+    #[arg(long, value_names = ["JOINT1", "JOINT2"], num_args = 2, allow_negative_numbers = true)]
+    limit: Vec<f64>,
     /// Folder for the results; made if it is not there
     #[arg(long, value_name = "DIR", default_value = "out/accuracy")]
     out: PathBuf,
@@ -28,14 +34,12 @@ pub(super) struct AccuracyArgs {
 /// Measures f32 and fixed point against f64 and reports. A number type that is less exact than
 /// stated is a failure.
 pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
+    let limit_nm = args.limit_nm()?;
     let inputs = args.common.inputs();
     let inputs = inputs.into_iter().chain([args.controller.as_deref()]);
     let output = Output::open(&args.out, inputs)?;
     let (arm, task) = args.common.load_on_surface("`flexor accuracy`")?;
-    let law = controller(
-        args.controller.as_deref(),
-        crate::files::config::PAPER_CONTROLLER,
-    )?;
+    let law = controller(args.controller.as_deref(), PAPER_CONTROLLER)?;
     let planned = args.common.plan(&arm, &task)?;
     // The demo's soft plant, started as planned: the feedback has work to do.
     let options = RunOptions {
@@ -60,20 +64,43 @@ pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
         json!(analysis.torque_error),
     );
     summary.insert("fixed_run_error_bound_Nm".into(), json!(analysis.run_error));
-    let excess: Vec<String> = accuracies.iter().flat_map(Accuracy::excess).collect();
+    let mut excess: Vec<String> = accuracies.iter().flat_map(Accuracy::excess).collect();
+    if let Some(limit_nm) = limit_nm {
+        let judged: Vec<Judged> = judge(&accuracies, limit_nm);
+        excess.extend(judged.iter().filter_map(Judged::excess));
+        let list: Vec<Value> = judged.iter().map(Judged::json).collect();
+        summary.insert("limits".into(), json!(list));
+    }
     summary.insert("excess".into(), json!(excess));
     summary.insert("holds".into(), json!(excess.is_empty()));
-    let summary = Value::Object(summary);
+    let made = Provenance::of(&args.common)?
+        .profile(&task)
+        .file("controller", args.controller.as_deref(), PAPER_CONTROLLER)?
+        .gains(&law)
+        .plant(&options.plant);
+    let summary = made.summary(summary);
     output.json("summary.json", &summary)?;
     output.write("accuracy.csv", |w| trace_csv(&accuracies, w))?;
     let facts = format_facts(&analysis);
-    let place = pages::accuracy(&output, &accuracies, &facts)?;
+    let page = pages::AccuracyContent {
+        accuracies: &accuracies,
+        excess: &excess,
+        limit_nm,
+        facts: &facts,
+        provenance: &made.facts(),
+    };
+    let place = pages::accuracy(&output, &page)?;
     output.commit()?;
     if args.common.json {
-        print(&summary)?;
+        print(with_timing(&summary, planned.timing()))?;
     } else {
         print(table(&accuracies))?;
         print("")?;
+        if let Some(limit_nm) = limit_nm {
+            let judged = judge(&accuracies, limit_nm);
+            print_facts(&judged.iter().map(Judged::fact).collect::<Vec<_>>())?;
+            print("")?;
+        }
         print_facts(&facts)?;
         print(format_args!("\n{place}"))?;
     }
@@ -81,6 +108,82 @@ pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
         Ok(())
     } else {
         Err(CliError::Verdict(excess.join("; ")))
+    }
+}
+
+impl AccuracyArgs {
+    /// The limits, if any are asked for.
+    fn limit_nm(&self) -> Result<Option<[f64; 2]>, CliError> {
+        let [first, second] = self.limit[..] else {
+            return Ok(None);
+        };
+        match first > 0.0 && second > 0.0 && first.max(second).is_finite() {
+            true => Ok(Some([first, second])),
+            false => Err(CliError::AccuracyLimit { first, second }),
+        }
+    }
+}
+
+/// A joint's largest torque error in closed loop, held against its limit.
+struct Judged {
+    number: &'static str,
+    /// 1 or 2.
+    joint: usize,
+    limit_nm: f64,
+    error_nm: f64,
+}
+
+/// Every number type's joints against their limits.
+fn judge(accuracies: &[Accuracy], limit_nm: [f64; 2]) -> Vec<Judged> {
+    let of = |a: &Accuracy, joint: usize| Judged {
+        number: a.number,
+        joint: joint + 1,
+        limit_nm: limit_nm[joint],
+        error_nm: a.closed_loop.joint_max_nm[joint],
+    };
+    let all = accuracies.iter();
+    all.flat_map(|a| [0, 1].map(|joint| of(a, joint))).collect()
+}
+
+impl Judged {
+    /// Not a number does not hold.
+    fn holds(&self) -> bool {
+        self.error_nm <= self.limit_nm
+    }
+
+    fn json(&self) -> Value {
+        Value::Object(export::object([
+            ("number", json!(self.number)),
+            ("joint", json!(self.joint)),
+            ("limit_Nm", json!(self.limit_nm)),
+            ("torque_error_max_Nm", json!(self.error_nm)),
+            ("holds", json!(self.holds())),
+        ]))
+    }
+
+    fn fact(&self) -> (String, String) {
+        let words = if self.holds() {
+            "holds"
+        } else {
+            "does NOT hold"
+        };
+        (
+            format!("{}, joint {}", self.number, self.joint),
+            format!(
+                "{words}: {:.1e} of {:.1e} N m",
+                self.error_nm, self.limit_nm
+            ),
+        )
+    }
+
+    fn excess(&self) -> Option<String> {
+        let Self { number, joint, .. } = self;
+        (!self.holds()).then(|| {
+            format!(
+                "{number}, closed loop: torque {joint} is off by {:.1e} N m, --limit is {:.1e}",
+                self.error_nm, self.limit_nm
+            )
+        })
     }
 }
 

@@ -1,17 +1,18 @@
 //! The command `demo`: the paper's task in all its cases.
 
 use super::plan::Planned;
+use super::provenance::{Provenance, with_timing};
 use super::{
     CliError, Common, Output, gains, pages, paper_law, print, print_facts, progress_bar, results,
 };
-use crate::files::export;
+use crate::files::{config, export};
 use crate::simulation::cases;
 use crate::simulation::cases::{CASES, PLANTS};
 use crate::simulation::closed_loop::{Run, RunOptions, Simulation};
 use clap::Args;
 use flexor::control::LawParameters;
 use indicatif::ProgressBar;
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use std::io::Write;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -50,15 +51,23 @@ pub(super) fn demo(args: &DemoArgs) -> Result<(), CliError> {
     ];
     gains::warn(&planned[0].plan, &cases::plant(arm.elements, 1.0), &law);
     let law = law.into();
+    let made = Provenance::of(&args.common)?
+        .profile(&task)
+        .file(
+            "controller",
+            args.controller.as_deref(),
+            config::PAPER_CONTROLLER,
+        )?
+        .gains(&law);
     output.write("plan.csv", |w| export::plan_csv(&planned[0].plan, w))?;
     output.write("plan_fast.csv", |w| export::plan_csv(&planned[1].plan, w))?;
     output.write("table.bin", |w| w.write_all(&planned[0].table.image))?;
     output.write("table_fast.bin", |w| w.write_all(&planned[1].table.image))?;
 
     let progress = progress_bar((CASES.len() * PLANTS.len()) as u64, "{msg}");
-    let runs = run_cases(&output, arm.elements, &law, &planned, &progress)?;
+    let runs = run_cases(&output, arm.elements, (&law, &made), &planned, &progress)?;
     progress.set_message("report");
-    let summary = summary_json(&runs, &planned);
+    let summary = made.summary(summary_json(&runs, &planned));
     output.json("summary.json", &summary)?;
     let cases: Vec<pages::CaseRun> = runs
         .iter()
@@ -79,14 +88,27 @@ pub(super) fn demo(args: &DemoArgs) -> Result<(), CliError> {
             .map(|(name, fact)| (format!("fast: {name}"), fact)),
     );
     let title = "Flexor: the paper's manipulation";
-    let place = pages::runs(&output, title, &cases, &facts)?;
+    // The one in which something happens: the paper's law on another arm than the planned one.
+    let shown = { cases.iter() }.position(|(case, plant, ..)| (*case, *plant) == SHOWN);
+    let page = pages::RunsContent {
+        title,
+        cases: &cases,
+        shown: shown.unwrap_or_default(),
+        facts: &facts,
+        provenance: &made.facts(),
+    };
+    let place = pages::runs(&output, &page)?;
     output.commit()?;
     progress.finish_and_clear();
 
     if args.common.json {
-        return print(&summary);
+        let seconds = since.elapsed().as_secs_f64();
+        let mut timing = planned[0].timing();
+        timing.extend(export::object([("demo_s", json!(seconds))]));
+        return print(with_timing(&summary, timing));
     }
     print_facts(&planned[0].facts())?;
+    print_facts(&[planned[0].took()])?;
     print("")?;
     print(results(
         runs.iter().map(|demo| (demo.case, demo.plant, &demo.run)),
@@ -97,6 +119,9 @@ pub(super) fn demo(args: &DemoArgs) -> Result<(), CliError> {
         since.elapsed().as_secs_f64()
     ))
 }
+
+/// Case and plant that the page begins with.
+const SHOWN: (&str, &str) = ("proposed", "stiffness_x0.9");
 
 /// A case's run on a plant.
 struct DemoRun {
@@ -111,7 +136,7 @@ struct DemoRun {
 fn run_cases(
     output: &Output,
     elements: usize,
-    law: &LawParameters,
+    (law, made): (&LawParameters, &Provenance),
     planned: &[Planned; 2],
     progress: &ProgressBar,
 ) -> Result<Vec<DemoRun>, CliError> {
@@ -132,7 +157,8 @@ fn run_cases(
             output.write(&name("run.csv"), |w| export::run_csv(&run, w))?;
             let mut summary = export::summary_json(&run.summary);
             summary.extend(planned[used].json());
-            output.json(&name("summary.json"), &Value::Object(summary))?;
+            let of_case = made.clone().gains(&options.law).plant(&options.plant);
+            output.json(&name("summary.json"), &of_case.summary(summary))?;
             runs.push(DemoRun {
                 case: case.name,
                 plant,
@@ -146,7 +172,7 @@ fn run_cases(
 }
 
 /// All runs' errors, and both plans' figures.
-fn summary_json(runs: &[DemoRun], planned: &[Planned; 2]) -> Value {
+fn summary_json(runs: &[DemoRun], planned: &[Planned; 2]) -> Map<String, Value> {
     let entry = |demo: &DemoRun| {
         let names = [("case", json!(demo.case)), ("plant", json!(demo.plant))];
         let mut entry = export::object(names);
@@ -154,5 +180,9 @@ fn summary_json(runs: &[DemoRun], planned: &[Planned; 2]) -> Value {
         Value::Object(entry)
     };
     let list: Vec<Value> = runs.iter().map(entry).collect();
-    json!({ "cases": list, "plan": planned[0].json(), "plan_fast": planned[1].json() })
+    export::object([
+        ("cases", json!(list)),
+        ("plan", json!(planned[0].json())),
+        ("plan_fast", json!(planned[1].json())),
+    ])
 }

@@ -23,6 +23,7 @@ mod pages;
 #[cfg(feature = "target")]
 mod pil;
 mod plan;
+mod provenance;
 mod run;
 mod signals;
 
@@ -103,7 +104,7 @@ enum Command {
 }
 
 /// Files and places that every command takes.
-#[derive(Args, Clone)]
+#[derive(Args, Clone, Default)]
 struct Common {
     /// The arm; without it the paper's [examples/arm.toml]
     #[arg(long, value_name = "FILE")]
@@ -127,8 +128,9 @@ struct Common {
     json: bool,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
+#[derive(Clone, Copy, Default, ValueEnum)]
 enum ModelArg {
+    #[default]
     Exact,
     AsPrinted,
 }
@@ -141,6 +143,8 @@ pub fn main() -> u8 {
 /// Runs a command line, the program's name first; the exit code. Ends the process where
 /// the command line is not understood, or asks for help.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    provenance::remember(&arguments);
     let result = match Cli::parse_from(arguments).command {
         None => {
             // As if typed, so that the defaults have one place.

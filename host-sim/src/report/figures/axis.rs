@@ -246,7 +246,7 @@ impl ValueFormatter<f64> for Axis {
     }
 }
 
-/// A number for a label: three significant digits.
+/// A number for a label: three significant digits, which other programs read.
 pub(in crate::report) fn number(value: f64) -> String {
     if value == 0.0 {
         return "0".into();
@@ -255,12 +255,11 @@ pub(in crate::report) fn number(value: f64) -> String {
         return "not finite".into();
     }
     let magnitude = value.abs().log10().floor();
-    let text = if (-3.0..5.0).contains(&magnitude) {
+    if (-3.0..5.0).contains(&magnitude) {
         format!("{value:.*}", (2.0 - magnitude).clamp(0.0, 6.0) as usize)
     } else {
         format!("{value:.2e}")
-    };
-    text.replace('-', "\u{2212}")
+    }
 }
 
 #[cfg(test)]
@@ -371,9 +370,9 @@ mod tests {
         let wanted = [
             "0",
             "1.23",
-            "\u{2212}0.0123",
+            "-0.0123",
             "123",
-            "1.50e\u{2212}5",
+            "1.50e-5",
             "1.00e9",
             "not finite",
         ];
