@@ -12,6 +12,7 @@
     let x = 0, y = 0;
     s.x = s.x.map((d) => s.start + s.step * (x += d));
     s.y = s.y.map((d) => (d === null ? null : s.unit * (y += d)));
+    s.most = s.y.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
   }
   // The value of a curve at a time; null beyond its ends and in its gaps.
   function valueAt(s, t) {
@@ -75,7 +76,8 @@
   }
   const axisNumber = (u, values) => {
     const step = values.length > 1 ? Math.abs(values[1] - values[0]) : 1;
-    const digits = clamp(Math.ceil(-Math.log10(step) - 1e-6) || 0, 0, 9);
+    let digits = 0;
+    while (digits < 9 && Math.abs(step - Number(step.toFixed(digits))) > 1e-6 * step) digits++;
     const far = Math.max(...values.map(Math.abs)) >= 1e5 || digits > 6;
     return values.map((v) => (v === null ? "" : signed(far ? v.toExponential(1) : (v + 0).toFixed(digits).replace(/^-(?=0\.?0*$)/, ""))));
   };
@@ -91,13 +93,13 @@
     const nothing = () => () => null;
     return {
       width, height, pxAlign: 0, legend: { show: false },
-      padding: [6, 10, 0, 0],
+      padding: [6, 18, 0, 0],
       scales: { x: { time: false, range: () => shownSpan() }, y: { range: range(panel) } },
       series: [{}, ...series.map(line)],
       axes: [axis({ size: 24, gap: 3, space: 70 }), axis({ size: 64, gap: 4, space: 26 })],
       cursor: {
         y: false, drag: { x: true, y: false, setScale: false, dist: 5 },
-        points: { size: 7, width: 0, fill: (u, i) => colours[colourOf(series[i - 1])], stroke: "transparent" },
+        points: { show: false },
         bind: { mouseleave: nothing, dblclick: () => () => zoomTo(null) },
       },
       hooks: {
@@ -141,16 +143,24 @@
       box.append(head);
       place.append(box);
       const plot = new uPlot(options(panel, series, chartWidth(), chartHeight()), data, box);
+      // Dots of our own: uPlot's lie on the curves' points only, which may be far apart.
+      const dots = series.map((s) => {
+        const mark = document.createElement("div");
+        mark.className = "dot";
+        mark.style.background = `var(--${colourOf(s)})`;
+        plot.over.append(mark);
+        return mark;
+      });
       plot.root.setAttribute("role", "img");
       plot.root.setAttribute("aria-label", `${panel.title} over time, with a cursor at the chosen time`);
-      return { plot, panel, series, values, box };
+      return { plot, series, values, dots };
     });
   }
   const chartWidth = () => Math.max($("charts").clientWidth - 18, 200);
   const chartHeight = () => (stage ? 118 : 150) + (window.innerWidth < 700 ? 30 : 0);
   function resize() {
     for (const { plot } of charts) if (plot.width !== chartWidth()) plot.setSize({ width: chartWidth(), height: chartHeight() });
-    draw();
+    drawLater();
   }
   function zoomTo(ends) {
     const whole = span(current());
@@ -165,7 +175,7 @@
     if (zoom) t = clamp(t, ...zoom);
     const [min, max] = shownSpan();
     charts.forEach(({ plot }) => plot.setScale("x", { min, max }));
-    draw();
+    drawLater();
     remember();
   }
   function scaleBy(factor) {
@@ -176,18 +186,23 @@
   function valueWords(value, s) {
     if (value === null) return "\u2013";
     const size = Math.abs(value);
-    // No more digits than the curve has.
-    const digits = clamp(Math.floor(-Math.log10(s.unit) + 0.01), 0, 7);
-    const words = size >= 1e5 || (size > 0 && size < 10 ** -digits) ? value.toExponential(2) : value.toFixed(Math.min(digits, size >= 100 ? 2 : size >= 10 ? 4 : 6));
+    // Five digits of the curve's largest value, as many as it has.
+    const digits = clamp(4 - Math.floor(Math.log10(s.most || 1)), 0, 9);
+    const words = size >= 1e5 || digits > 8 ? value.toExponential(2) : value.toFixed(digits).replace(/^-(?=0\.?0*$)/, "");
     return signed(words);
   }
   function drawCharts() {
     quiet = true;
-    for (const { plot, series, values } of charts) {
-      const left = plot.valToPos(t, "x");
-      const [low, high] = shownSpan();
+    const [low, high] = shownSpan();
+    for (const { plot, series, values, dots } of charts) {
+      const left = plot.valToPos(t, "x"), height = plot.over.clientHeight;
       plot.setCursor({ left: t < low || t > high ? -10 : left, top: 10 });
-      series.forEach((s, i) => { values[i].textContent = valueWords(valueAt(s, t), s); });
+      series.forEach((s, i) => {
+        const value = valueAt(s, t), top = value === null ? -1 : plot.valToPos(value, "y");
+        values[i].textContent = valueWords(value, s);
+        dots[i].hidden = !(top >= 0 && top <= height && left >= 0 && left <= plot.over.clientWidth);
+        dots[i].style.transform = `translate(${left - 3.5}px, ${top - 3.5}px)`;
+      });
     }
     quiet = false;
   }
@@ -254,17 +269,17 @@
     pen.lineWidth = 4; pen.strokeStyle = colours.page; pen.strokeText(words, x, y);
     pen.fillStyle = colour; pen.fillText(words, x, y);
   }
-  function drawSurface(pen, c, at, scale, [width, height]) {
+  function drawSurface(pen, c, at, scale) {
     const [from, to] = c.path, length = Math.hypot(to[0] - from[0], to[1] - from[1]);
     const u = [(to[0] - from[0]) / length, (to[1] - from[1]) / length];
-    const far = 4 * (c.lengths[0] + c.lengths[1]), n = c.normal;
+    // Somewhat longer than the path: where it ends nobody has said.
+    const far = 0.1 * length, n = c.normal;
     const on = (s) => at([from[0] + s * u[0], from[1] + s * u[1]]);
-    for (let s = -far; s < far; s += 11 / scale) {
+    for (let s = -far; s < length + far; s += 11 / scale) {
       const [x, y] = on(s);
-      if (x < -20 || x > width + 20 || y < -20 || y > height + 20) continue;
       stroke(pen, colours.reference, 1, [[x, y], [x + 9 * (n[0] - u[0]), y + 9 * (n[1] - u[1])]]);
     }
-    stroke(pen, colours.soft, 1.5, [on(-far), on(far)]);
+    stroke(pen, colours.soft, 1.5, [on(-far), on(length + far)]);
     stroke(pen, colours.ink, 3, [on(0), on(length)]);
   }
   // Link 2 as points, its bending drawn `factor` times as large.
@@ -301,7 +316,7 @@
     const scale = Math.min(width / (x1 - x0), height / (y1 - y0));
     const left = (width - scale * (x1 - x0)) / 2, top = (height - scale * (y1 - y0)) / 2;
     const at = ([x, y]) => [left + scale * (x - x0), top + scale * (y - y0)];
-    if (c.surface) drawSurface(pen, c, at, scale, [width, height]);
+    if (c.surface) drawSurface(pen, c, at, scale);
     const factor = Number(bend.value), link = outline(c, now, factor, at), tip = link[c.intervals];
     const joint2 = at(elbow(c, now.angle1));
     const ghost = other >= 0 && other !== index && cases[other].motion;
@@ -355,6 +370,8 @@
     drawStage();
     drawCharts();
   }
+  // After the charts have taken in a new scale, which they do once this script is over.
+  function drawLater() { queueMicrotask(() => queueMicrotask(draw)); }
   function remember() {
     let fragment = `#case=${index + 1}&t=${t.toFixed(4)}`;
     if (bend && bend.value !== "1") fragment += `&bend=${bend.value}`;
@@ -396,7 +413,7 @@
     }
     legend();
     build();
-    draw();
+    drawLater();
   }
   function readFragment() {
     const wanted = new URLSearchParams(location.hash.slice(1));
@@ -449,7 +466,7 @@
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
     readColours();
     charts.forEach(({ plot }) => plot.redraw(false));
-    draw();
+    drawLater();
   });
 
   document.body.classList.add("live");
