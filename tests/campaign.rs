@@ -95,7 +95,7 @@ fn a_campaign_prints_what_tools_rely_on_and_is_reproducible() {
         let value = |key: &str| result[figure][key].as_f64().unwrap();
         assert!(value("median") <= value("p95") && value("p95") <= value("max"));
     }
-    assert!(result["real_time_factor"].as_f64().unwrap() > 0.0);
+    assert!(result["timing"]["real_time_factor"].as_f64().unwrap() > 0.0);
     for file in ["report.html", "runs.parquet", "campaign_drivers.svg"] {
         assert!(first.join(file).metadata().unwrap().len() > 1000, "{file}");
     }

@@ -214,13 +214,27 @@ impl Provenance {
             (input.option.clone(), fact)
         }));
         for (name, value) in [("gains", &self.gains), ("plant", &self.plant)] {
-            if let Value::Object(map) = value {
-                let words = map.iter().filter(|(_, value)| !value.is_null());
-                let words = words.map(|(key, value)| format!("{key} = {value}"));
-                facts.push((name.into(), words.collect::<Vec<_>>().join(", ")));
+            let words = assignments(value, "");
+            if !words.is_empty() {
+                facts.push((name.into(), words.join(", ")));
             }
         }
         facts
+    }
+}
+
+/// What an object says, as a file would: `key = value`, with dots where objects are in objects.
+fn assignments(value: &Value, before: &str) -> Vec<String> {
+    match value {
+        Value::Null => vec![],
+        Value::Object(map) => {
+            let dot = if before.is_empty() { "" } else { "." };
+            let inner = |(key, value): (&String, &Value)| {
+                assignments(value, &format!("{before}{dot}{key}"))
+            };
+            map.iter().flat_map(inner).collect()
+        }
+        value => vec![format!("{before} = {value}")],
     }
 }
 

@@ -359,7 +359,7 @@
 
   // --- Time, cases and the page's address ---------------------------------------------------------
 
-  const timeWords = () => signed(`t = ${t.toFixed(4)} s`);
+  const timeWords = () => `t = ${signed(t.toFixed(4))} s`;
   function draw() {
     const [low, high] = shownSpan();
     slider.value = Math.round((2000 * (t - low)) / (high - low || 1));
