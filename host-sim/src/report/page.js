@@ -383,7 +383,7 @@
   function pause() { if (!play) return; playing = false; play.textContent = "Play"; remember(); }
   function tick(stamp) {
     if (!playing) return;
-    const passed = Math.min(stamp - before, 100) / 1000;
+    const passed = clamp(stamp - before, 0, 100) / 1000;
     before = stamp;
     seek(t + passed * Number(speed.value));
     if (t >= shownSpan()[1]) pause(); else requestAnimationFrame(tick);
