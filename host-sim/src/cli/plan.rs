@@ -43,7 +43,6 @@ pub(super) fn plan_command(args: &PlanArgs) -> Result<(), CliError> {
     output.write("plan.csv", |w| export::plan_csv(&planned.plan, w))?;
     output.write("table.bin", |w| w.write_all(&planned.table.image))?;
     let summary = made.summary(planned.json());
-    output.json("summary.json", &summary)?;
     let facts = planned.facts();
     let page = pages::PlanContent {
         plan: &planned.plan,
@@ -53,6 +52,7 @@ pub(super) fn plan_command(args: &PlanArgs) -> Result<(), CliError> {
         provenance: &made.facts(),
     };
     let place = pages::plan(&output, &page)?;
+    output.json("summary.json", &summary)?;
     output.commit()?;
     if args.common.json {
         return print(with_timing(&summary, planned.timing()));

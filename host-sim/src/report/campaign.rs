@@ -420,7 +420,7 @@ mod tests {
         }
         // The made-up campaign's causes of failure, one at both ends.
         place("arm.link1.mass_kg off its median 8.00 by 0.620 or more: ");
-        place("Of the others, arm.link2.root_inertia_kgm2 below 3.60e\u{2212}5: ");
+        place("Of the others, arm.link2.root_inertia_kgm2 below 3.60e-5: ");
         let first = worst(&records)[0].run;
         place(&format!(
             "flexor campaign --scenario bench.toml --runs 200 --seed 9000 --only {first}<"
