@@ -54,31 +54,16 @@ pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
     let accuracies = accuracy::measure(plan, image, &options, &|| progress.inc(1))?;
     progress.finish_and_clear();
 
-    let mut summary: Map<String, Value> = accuracies
-        .iter()
-        .map(|a| (a.number.to_string(), Value::Object(entry(a))))
-        .collect();
-    summary.insert("formats".into(), Value::Object(formats_json(&analysis)));
-    summary.insert(
-        "fixed_torque_error_bound_Nm".into(),
-        json!(analysis.torque_error),
-    );
-    summary.insert("fixed_run_error_bound_Nm".into(), json!(analysis.run_error));
+    let judged = limit_nm.map(|limit_nm| judge(&accuracies, limit_nm));
+    let judged = judged.unwrap_or_default();
     let mut excess: Vec<String> = accuracies.iter().flat_map(Accuracy::excess).collect();
-    if let Some(limit_nm) = limit_nm {
-        let judged: Vec<Judged> = judge(&accuracies, limit_nm);
-        excess.extend(judged.iter().filter_map(Judged::excess));
-        let list: Vec<Value> = judged.iter().map(Judged::json).collect();
-        summary.insert("limits".into(), json!(list));
-    }
-    summary.insert("excess".into(), json!(excess));
-    summary.insert("holds".into(), json!(excess.is_empty()));
+    excess.extend(judged.iter().filter_map(Judged::excess));
     let made = Provenance::of(&args.common)?
         .profile(&task)
         .file("controller", args.controller.as_deref(), PAPER_CONTROLLER)?
         .gains(&law)
         .plant(&options.plant);
-    let summary = made.summary(summary);
+    let summary = made.summary(summary_keys(&accuracies, &analysis, &judged, &excess));
     output.json("summary.json", &summary)?;
     output.write("accuracy.csv", |w| trace_csv(&accuracies, w))?;
     let facts = format_facts(&analysis);
@@ -96,8 +81,7 @@ pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
     } else {
         print(table(&accuracies))?;
         print("")?;
-        if let Some(limit_nm) = limit_nm {
-            let judged = judge(&accuracies, limit_nm);
+        if !judged.is_empty() {
             print_facts(&judged.iter().map(Judged::fact).collect::<Vec<_>>())?;
             print("")?;
         }
@@ -109,6 +93,34 @@ pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
     } else {
         Err(CliError::Verdict(excess.join("; ")))
     }
+}
+
+/// What the summary says: each number type, the formats, the limits that were asked for, and what is
+/// above its bound or limit.
+fn summary_keys(
+    accuracies: &[Accuracy],
+    analysis: &Analysis,
+    judged: &[Judged],
+    excess: &[String],
+) -> Map<String, Value> {
+    let mut summary: Map<String, Value> = accuracies
+        .iter()
+        .map(|a| (a.number.to_string(), Value::Object(entry(a))))
+        .collect();
+    summary.extend(export::object([
+        ("formats", Value::Object(formats_json(analysis))),
+        ("fixed_torque_error_bound_Nm", json!(analysis.torque_error)),
+        ("fixed_run_error_bound_Nm", json!(analysis.run_error)),
+    ]));
+    if !judged.is_empty() {
+        let list: Vec<Value> = judged.iter().map(Judged::json).collect();
+        summary.insert("limits".into(), json!(list));
+    }
+    summary.extend(export::object([
+        ("excess", json!(excess)),
+        ("holds", json!(excess.is_empty())),
+    ]));
+    summary
 }
 
 impl AccuracyArgs {

@@ -59,45 +59,18 @@ pub(super) fn demo(args: &DemoArgs) -> Result<(), CliError> {
             config::PAPER_CONTROLLER,
         )?
         .gains(&law);
-    output.write("plan.csv", |w| export::plan_csv(&planned[0].plan, w))?;
-    output.write("plan_fast.csv", |w| export::plan_csv(&planned[1].plan, w))?;
-    output.write("table.bin", |w| w.write_all(&planned[0].table.image))?;
-    output.write("table_fast.bin", |w| w.write_all(&planned[1].table.image))?;
+    for (planned, name) in planned.iter().zip(["", "_fast"]) {
+        let (plan, image) = (&planned.plan, &planned.table.image);
+        output.write(&format!("plan{name}.csv"), |w| export::plan_csv(plan, w))?;
+        output.write(&format!("table{name}.bin"), |w| w.write_all(image))?;
+    }
 
     let progress = progress_bar((CASES.len() * PLANTS.len()) as u64, "{msg}");
     let runs = run_cases(&output, arm.elements, (&law, &made), &planned, &progress)?;
     progress.set_message("report");
     let summary = made.summary(summary_json(&runs, &planned));
     output.json("summary.json", &summary)?;
-    let cases: Vec<pages::CaseRun> = runs
-        .iter()
-        .map(|demo| {
-            (
-                demo.case,
-                demo.plant,
-                &planned[demo.planned].plan,
-                &demo.run,
-            )
-        })
-        .collect();
-    let mut facts = planned[0].facts();
-    facts.extend(
-        planned[1]
-            .facts()
-            .into_iter()
-            .map(|(name, fact)| (format!("fast: {name}"), fact)),
-    );
-    let title = "Flexor: the paper's manipulation";
-    // The one in which something happens: the paper's law on another arm than the planned one.
-    let shown = { cases.iter() }.position(|(case, plant, ..)| (*case, *plant) == SHOWN);
-    let page = pages::RunsContent {
-        title,
-        cases: &cases,
-        shown: shown.unwrap_or_default(),
-        facts: &facts,
-        provenance: &made.facts(),
-    };
-    let place = pages::runs(&output, &page)?;
+    let place = write_page(&output, &runs, &planned, &made)?;
     output.commit()?;
     progress.finish_and_clear();
 
@@ -118,6 +91,39 @@ pub(super) fn demo(args: &DemoArgs) -> Result<(), CliError> {
         runs.len(),
         since.elapsed().as_secs_f64()
     ))
+}
+
+/// Writes figures and page; says where they will be.
+fn write_page(
+    output: &Output,
+    runs: &[DemoRun],
+    planned: &[Planned; 2],
+    made: &Provenance,
+) -> Result<String, CliError> {
+    let runs = runs.iter();
+    let cases: Vec<pages::CaseRun> = runs
+        .map(|demo| {
+            (
+                demo.case,
+                demo.plant,
+                &planned[demo.planned].plan,
+                &demo.run,
+            )
+        })
+        .collect();
+    let fast = planned[1].facts().into_iter();
+    let fast = fast.map(|(name, fact)| (format!("fast: {name}"), fact));
+    let facts: Vec<(String, String)> = planned[0].facts().into_iter().chain(fast).collect();
+    // The one in which something happens: the paper's law on another arm than the planned one.
+    let shown = { cases.iter() }.position(|(case, plant, ..)| (*case, *plant) == SHOWN);
+    let page = pages::RunsContent {
+        title: "Flexor: the paper's manipulation",
+        cases: &cases,
+        shown: shown.unwrap_or_default(),
+        facts: &facts,
+        provenance: &made.facts(),
+    };
+    pages::runs(output, &page)
 }
 
 /// Case and plant that the page begins with.

@@ -5,7 +5,7 @@ use super::{CliError, Common};
 use crate::campaign::identity::CampaignInput;
 use crate::files::config;
 use crate::files::export::object;
-use crate::model::link::LinkDamping;
+use crate::model::link::{LinkDamping, LinkModel};
 use crate::planner::task::Task;
 use crate::planner::tip_force::NormalForce;
 use crate::plant::PlantParameters;
@@ -314,7 +314,7 @@ fn plant_json(plant: &PlantParameters) -> Map<String, Value> {
             "geometric_stiffness",
             json!(format!("{:?}", plant.geometric_stiffness).to_lowercase()),
         ),
-        ("model", json!(plant.link_model.map(|model| model.name()))),
+        ("model", json!(plant.link_model.map(LinkModel::name))),
         ("damping", json!(damping)),
         ("bending_damping_s", json!(time_s)),
         ("substeps", json!(plant.substeps)),

@@ -7,6 +7,7 @@ use crate::analysis::hybrid::sets::digits;
 use crate::analysis::hybrid::{Effort, HybridError, LoopPose, LoopSpread, Proof, poses};
 use crate::campaign::distribution::Distribution;
 use crate::campaign::engine::Campaign;
+use crate::campaign::scenario::Scenario;
 use crate::cli::bench::Bench;
 use crate::cli::own_gains::{DESIGN_POSES, designed, law_json, origin, to_be_held, verdict};
 use crate::cli::provenance::{Provenance, with_timing};
@@ -113,20 +114,7 @@ pub(super) fn tune_command(args: &PlantArgs, seed: u64, out: &Path) -> Result<()
     let output = Output::open(out, args.hybrid_inputs())?;
     let mut setting = args.hybrid_setting()?;
     if args.scenario.scenario.is_none() && args.scenario.set.is_empty() {
-        // The bench's own noise and spread, without the files that its scenario names.
-        let (name, text) = ("bench.toml", BENCH_SCENARIO);
-        let mut own = config::parse_scenario(name, text)?.scenario;
-        let root = setting.spread.root_inertia_kgm2;
-        for (key, distribution) in &mut own.numbers {
-            if key.name == "plant.root_inertia_kgm2" {
-                *distribution = match root {
-                    [low, high] if low > 0.0 && high > low => Distribution::LogUniform(root),
-                    [low, high] if high > low => Distribution::Uniform([low, high]),
-                    [low, _] => Distribution::Fixed(low),
-                };
-            }
-        }
-        setting.bench.config.scenario = own;
+        setting.bench.config.scenario = own_scenario(setting.spread.root_inertia_kgm2)?;
     }
     let since = Instant::now();
     let plan = &setting.bench.planned.plan;
@@ -193,6 +181,22 @@ struct Told {
     took: (String, String),
     /// Whether JSON is printed.
     json: bool,
+}
+
+/// The bench's own noise and spread, without the files that its scenario names, with this range of
+/// root inertias, kg m^2.
+fn own_scenario(root: [f64; 2]) -> Result<Scenario, CliError> {
+    let mut own = config::parse_scenario("bench.toml", BENCH_SCENARIO)?.scenario;
+    for (key, distribution) in &mut own.numbers {
+        if key.name == "plant.root_inertia_kgm2" {
+            *distribution = match root {
+                [low, high] if low > 0.0 && high > low => Distribution::LogUniform(root),
+                [low, high] if high > low => Distribution::Uniform([low, high]),
+                [low, _] => Distribution::Fixed(low),
+            };
+        }
+    }
+    Ok(own)
 }
 
 /// The spread that gains are tuned on where no scenario is named.
