@@ -218,6 +218,27 @@ fn shards_of_different_programs_are_not_merged() {
 }
 
 #[test]
+fn shells_and_man_know_every_command() {
+    let place = folder("shell");
+    let program = env!("CARGO_BIN_EXE_flexor");
+    for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
+        let output = Command::new(program).args(["completions", shell]).output();
+        let output = output.unwrap();
+        let text = String::from_utf8(output.stdout).unwrap();
+        assert!(output.status.success(), "{shell}");
+        for word in ["campaign", "accuracy", "limit", "design"] {
+            assert!(text.contains(word), "{shell}: no {word}");
+        }
+    }
+    let refused = Command::new(program).args(["completions", "sh"]).output();
+    assert_eq!(refused.unwrap().status.code(), Some(2));
+    done(&["man"], &place);
+    let page = |name: &str| fs::read_to_string(place.join(name)).unwrap();
+    assert!(page("flexor.1").contains("flexor\\-campaign(1)"));
+    assert!(page("flexor-accuracy.1").contains("JOINT1"));
+}
+
+#[test]
 fn accuracy_is_judged_joint_by_joint() {
     let place = folder("limit");
     let run = |limits: [&str; 2]| {
