@@ -10,6 +10,10 @@ const POINTS_MAX: usize = 3000;
 /// chart that has been zoomed into once.
 const TOLERANCE: f64 = 1e-4;
 
+/// The same where there would be too many points: half a pixel. A curve that needs more is noise, of
+/// which the least and greatest values are kept.
+const TOLERANCE_MAX: f64 = 3e-3;
+
 /// A curve as the page's script takes it: `x` in steps of `step` from `start`, `y` in steps of
 /// `unit`, both as differences from the point before; `null` in `y` begins a gap.
 #[derive(Serialize)]
@@ -89,9 +93,12 @@ impl Series {
         // Below the rounding of what is shown there is nothing to keep.
         let mut tolerance = (TOLERANCE * spread).max(1e-7 * size).max(1e-12);
         let mut kept = thinned(points, tolerance);
-        while kept.len() > POINTS_MAX {
+        while kept.len() > POINTS_MAX && tolerance < TOLERANCE_MAX * spread {
             tolerance *= 1.5;
             kept = thinned(points, tolerance);
+        }
+        if kept.len() > POINTS_MAX {
+            kept = envelope(points, POINTS_MAX);
         }
         let unit = 10f64.powf((0.5 * tolerance).log10().floor());
         let start = points.first().map_or(0.0, |p| p[0]);
@@ -121,6 +128,33 @@ impl Series {
         }
         series
     }
+}
+
+/// Indices of at most `most` of `points` that keep the least and the greatest value of every stretch,
+/// and of a stretch with a value that is not finite that one, for the gap.
+fn envelope(points: &[[f64; 2]], most: usize) -> Vec<usize> {
+    // First, least, greatest, last, and one that is not finite.
+    let stretch = points.len().div_ceil((most / 5).max(1));
+    let mut kept = vec![];
+    for from in (0..points.len()).step_by(stretch) {
+        let indices = || from..(from + stretch).min(points.len());
+        let finite = |i: &usize| points[*i].iter().all(|x| x.is_finite());
+        let by = |a: &usize, b: &usize| points[*a][1].total_cmp(&points[*b][1]);
+        let mut of_stretch: Vec<usize> = [
+            indices().find(finite),
+            indices().filter(finite).min_by(by),
+            indices().filter(finite).max_by(by),
+            indices().rev().find(finite),
+            indices().find(|i| points[*i][0].is_finite() && !finite(i)),
+        ]
+        .into_iter()
+        .flatten()
+        .collect();
+        of_stretch.sort_unstable();
+        of_stretch.dedup();
+        kept.extend(of_stretch);
+    }
+    kept
 }
 
 /// Indices of those of `points`, rising in time, whose straight connections miss none of the others
@@ -238,6 +272,16 @@ mod tests {
         assert!(count(&|i| (1e-3 * i as f64).sin()) < 1000);
         let noise = |i: usize| ((i * 7919) % 1009) as f64;
         assert!(count(&noise) <= POINTS_MAX);
+        // Counts of a converter about a slow curve: never off by more than the count.
+        let counts = |i: usize| (0.3 + 0.1 * (1e-4 * i as f64).sin()) + 0.01 * (i % 2) as f64;
+        let samples = sampled(&counts);
+        let series = Series::new("a".into(), "0", 2e-4, &samples, [-1e9, 1e9]);
+        assert!(series.x.len() <= POINTS_MAX);
+        let curve = points(&series);
+        for [t, value] in samples.iter().step_by(97) {
+            let off = (at(&curve, *t) - value).abs();
+            assert!(off <= 0.0111, "{off} at {t}");
+        }
     }
 
     #[test]
