@@ -67,6 +67,15 @@ fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     found
 }
 
+/// Names of the files of a plan.
+const PLANS: [&str; 5] = [
+    "plan.csv",
+    "report.html",
+    "stick_figure.svg",
+    "summary.json",
+    "table.bin",
+];
+
 /// Names of the files right in a folder.
 fn names(folder: &Path) -> Vec<String> {
     let files = files(folder).into_keys();
@@ -164,7 +173,7 @@ fn a_refused_command_moves_the_older_result_and_nobody_elses_files() {
     succeeds(&["run", "--out", path]);
     succeeds(&["plan", "--out", path, "--tick-rate-hz", "1000"]);
     assert_eq!(whole(&out), Some(2000));
-    let expected = ["notes.txt", "plan.csv", "summary.json", "table.bin"];
+    let expected = [&["notes.txt"], &PLANS[..]].concat();
     assert_eq!(names(&out), expected);
     assert_eq!(whole(&out.join("previous")), Some(10_000));
 }
@@ -263,7 +272,7 @@ fn what_a_killed_command_leaves_goes_with_the_next() {
     assert_eq!(now, older);
     succeeds(&["plan", "--out", path, "--tick-rate-hz", "1000"]);
     assert!(!out.join(".flexor-partial").exists());
-    assert_eq!(names(&out), ["plan.csv", "summary.json", "table.bin"]);
+    assert_eq!(names(&out), PLANS);
     assert_eq!(whole(&out), Some(2000));
 }
 
@@ -294,7 +303,7 @@ fn a_kill_at_any_moment_leaves_a_whole_result_or_none() {
     }
     assert!(seen.keys().any(Option::is_some), "{seen:?}");
     succeeds(&["plan", "--out", path]);
-    assert_eq!(names(&out), ["plan.csv", "summary.json", "table.bin"]);
+    assert_eq!(names(&out), PLANS);
     assert_eq!(whole(&out), Some(10_000));
 }
 
@@ -354,7 +363,7 @@ fn a_demos_folders_are_part_of_its_result() {
     let inner = "proposed_stiffness_x0.9/summary.json";
     assert!(out.join(inner).exists());
     succeeds(&["plan", "--out", path]);
-    assert_eq!(names(&out), ["plan.csv", "summary.json", "table.bin"]);
+    assert_eq!(names(&out), PLANS);
     assert!(!out.join("proposed_stiffness_x0.9").exists());
     assert!(out.join("previous").join(inner).exists());
 }

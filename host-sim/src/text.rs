@@ -25,6 +25,23 @@ pub(crate) fn four_digits(number: f64) -> Shortest {
     Shortest(format!("{number:.3e}").parse().unwrap_or(number))
 }
 
+/// A computed number, to three digits, as pages and tables show it and other programs read it.
+#[cfg(any(feature = "cli", feature = "report", test))]
+pub(crate) fn three_digits(value: f64) -> String {
+    if value == 0.0 {
+        return "0".into();
+    }
+    if !value.is_finite() {
+        return "not finite".into();
+    }
+    let magnitude = libm::floor(libm::log10(value.abs()));
+    if (-3.0..5.0).contains(&magnitude) {
+        format!("{value:.*}", (2.0 - magnitude).clamp(0.0, 6.0) as usize)
+    } else {
+        format!("{value:.2e}")
+    }
+}
+
 /// A computed number, to four digits and rounded away from zero, so that a printed bound is
 /// never too small.
 #[cfg(any(feature = "cli", test))]
@@ -53,6 +70,17 @@ pub(crate) fn one_line(text: &str, most: usize) -> String {
     line
 }
 
+/// A word as a shell takes it.
+#[cfg(any(feature = "campaign", test))]
+pub(crate) fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "/._-+=:,@%".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', r"'\''"))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -76,6 +104,28 @@ mod tests {
         assert_eq!(four_digits(10.961_42).to_string(), "10.96");
         assert_eq!(round_away_from_zero(10.961_42).to_string(), "10.97");
         assert_eq!(round_away_from_zero(9.999_9).to_string(), "10");
+    }
+
+    #[test]
+    fn words_are_quoted_where_a_shell_would_take_them_apart() {
+        assert_eq!(quoted("out/a-b_1.toml"), "out/a-b_1.toml");
+        assert_eq!(quoted("a b'; rm -r \"c\""), r#"'a b'\''; rm -r "c"'"#);
+        assert_eq!(quoted(""), "''");
+    }
+
+    #[test]
+    fn numbers_have_three_digits() {
+        let texts = [0.0, 1.2345, -0.012345, 123.45, 1.5e-5, 1e9, f64::NAN].map(three_digits);
+        let wanted = [
+            "0",
+            "1.23",
+            "-0.0123",
+            "123",
+            "1.50e-5",
+            "1.00e9",
+            "not finite",
+        ];
+        assert_eq!(texts, wanted);
     }
 
     #[test]

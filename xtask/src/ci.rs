@@ -1,6 +1,6 @@
 //! What continuous integration does, and what it stands on.
 
-use crate::{budget, firmware, pil, replay, root, run, setup};
+use crate::{browser, budget, firmware, pil, replay, root, run, setup};
 use anyhow::Result;
 use std::process::Command;
 
@@ -68,6 +68,7 @@ pub(crate) fn ci() -> Result<()> {
     firmware::clippy()?;
     replay::clippy()?;
     test()?;
+    browser::browser()?;
     pil::pil(&pil::Options::default())?;
     budget::budget(&budget::Options::default())
 }

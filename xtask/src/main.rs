@@ -1,5 +1,6 @@
 //! Flexor's chores. Each job of continuous integration is one verb.
 
+mod browser;
 mod budget;
 mod ci;
 mod firmware;
@@ -54,6 +55,9 @@ enum Verb {
     /// Replay the demo on Cortex-M0 and M3 in QEMU, in fixed point and in emulated f32, and
     /// hold what it takes against firmware/replay/budget.toml.
     Replay(replay::Options),
+    /// Use the pages in Chromium or Chrome, without a window: charts, arm, table, phone widths, dark
+    /// mode, contrast. Skipped, with a word, where there is no such browser; nothing is downloaded.
+    Browser,
     /// Run every test, those with the image in QEMU included.
     Test,
     /// Everything that continuous integration checks.
@@ -71,6 +75,7 @@ fn main() -> Result<()> {
         Verb::Pil(options) => pil::pil(&options),
         Verb::Budget(options) => budget::budget(&options),
         Verb::Replay(options) => replay::run_verb(&options),
+        Verb::Browser => browser::browser(),
         Verb::Test => ci::test(),
         Verb::Ci => ci::ci(),
     }

@@ -1,5 +1,6 @@
 //! What a campaign is: everything that its runs' results depend on, as the file beside them says.
 
+use crate::text::quoted;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use std::fmt;
@@ -17,6 +18,9 @@ pub struct CampaignInput {
     /// Its text. Kept whole, so that results say what they are results of, and two campaigns
     /// can be told apart without doubt.
     pub text: String,
+    /// SHA-256 of the file's bytes, in hex; empty for a value.
+    #[serde(default)]
+    pub sha256: String,
 }
 
 /// A part of a campaign's runs: those whose number leaves the remainder `number` - 1 when divided
@@ -93,8 +97,15 @@ impl fmt::Display for Shard {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CampaignIdentity {
+    /// Version of the keys.
+    #[serde(default)]
+    pub schema_version: u32,
     /// Version of the program.
     pub version: String,
+    /// Commit that it was built from; `unknown` outside a repository, and in files from before it
+    /// was said.
+    #[serde(default = "unknown")]
+    pub commit: String,
     /// The campaign's seed.
     pub seed: u64,
     /// Runs of the campaign, all shards together.
@@ -109,12 +120,35 @@ pub struct CampaignIdentity {
     pub gains: Map<String, Value>,
 }
 
+/// What a commit is called that nobody knows.
+fn unknown() -> String {
+    "unknown".into()
+}
+
 impl CampaignIdentity {
+    /// The command line that makes the whole campaign, or repeats one run of it.
+    pub fn command(&self, only: Option<u64>) -> String {
+        let inputs = self.inputs.iter();
+        let options: String = inputs
+            .filter(|input| !input.file.is_empty())
+            .map(|input| format!(" --{} {}", input.option, quoted(&input.file)))
+            .collect();
+        let Self { runs, seed, .. } = self;
+        let only = only.map_or(String::new(), |run| format!(" --only {run}"));
+        format!("flexor campaign{options} --runs {runs} --seed {seed}{only}")
+    }
+
     /// The first thing in which `other` is another campaign, shards apart; `None` if it is the
     /// same. Names of files may differ, their texts may not.
     pub fn difference(&self, other: &Self) -> Option<String> {
         if self.version != other.version {
             return Some(format!("version {} and {}", self.version, other.version));
+        }
+        if self.commit != other.commit {
+            return Some(format!(
+                "made by programs of commit {} and {}",
+                self.commit, other.commit
+            ));
         }
         if self.seed != other.seed {
             return Some(format!("seed {} and {}", self.seed, other.seed));
@@ -169,9 +203,12 @@ mod tests {
             option: option.into(),
             file: format!("{option}.toml"),
             text: text.into(),
+            sha256: String::new(),
         };
         CampaignIdentity {
+            schema_version: 1,
             version: "0.1.0".into(),
+            commit: "0123abcd".into(),
             seed: u64::MAX,
             runs: 200,
             shard: "2/8".parse().unwrap(),
@@ -216,6 +253,10 @@ mod tests {
             Some("200 and 9 runs".into())
         );
         assert!(changed(&|other| other.version = "1".into()).is_some());
+        assert_eq!(
+            changed(&|other| other.commit = "unknown".into()),
+            Some("made by programs of commit 0123abcd and unknown".into())
+        );
         assert_eq!(
             changed(&|other| other.inputs[0].text.push(' ')),
             Some("other texts of --scenario".into())

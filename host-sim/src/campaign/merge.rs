@@ -175,7 +175,9 @@ mod tests {
         ShardResults {
             name: "whole".into(),
             identity: CampaignIdentity {
+                schema_version: 1,
                 version: "1".into(),
+                commit: "unknown".into(),
                 seed: 7,
                 runs,
                 shard: "1/1".parse().unwrap(),
@@ -183,6 +185,7 @@ mod tests {
                     option: "scenario".into(),
                     file: "bench.toml".into(),
                     text: "x".into(),
+                    sha256: String::new(),
                 }],
                 gains: serde_json::Map::new(),
             },

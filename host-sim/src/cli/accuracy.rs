@@ -1,9 +1,11 @@
 //! The command `accuracy`.
 
+use super::provenance::{Provenance, with_timing};
 use super::{CliError, Common, Output, controller, pages, print, print_facts, progress_bar};
 use crate::analysis::fixed_point::accuracy::{Accuracy, Errors};
 use crate::analysis::fixed_point::range::Analysis;
 use crate::analysis::fixed_point::{accuracy, range};
+use crate::files::config::PAPER_CONTROLLER;
 use crate::files::export;
 use crate::simulation::cases;
 use crate::simulation::closed_loop::RunOptions;
@@ -20,6 +22,10 @@ pub(super) struct AccuracyArgs {
     /// Gains; without it those of examples/controller_paper.toml
     #[arg(long, value_name = "FILE")]
     controller: Option<PathBuf>,
+    /// Largest torque error, N m, that is accepted of joint 1 and of joint 2 in closed loop, of either
+    /// number type; without it the bounds alone are held. The plant is the demo's soft one
+    #[arg(long, value_names = ["JOINT1", "JOINT2"], num_args = 2, allow_negative_numbers = true)]
+    limit: Vec<f64>,
     /// Folder for the results; made if it is not there
     #[arg(long, value_name = "DIR", default_value = "out/accuracy")]
     out: PathBuf,
@@ -28,14 +34,12 @@ pub(super) struct AccuracyArgs {
 /// Measures f32 and fixed point against f64 and reports. A number type that is less exact than
 /// stated is a failure.
 pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
+    let limit_nm = args.limit_nm()?;
     let inputs = args.common.inputs();
     let inputs = inputs.into_iter().chain([args.controller.as_deref()]);
     let output = Output::open(&args.out, inputs)?;
     let (arm, task) = args.common.load_on_surface("`flexor accuracy`")?;
-    let law = controller(
-        args.controller.as_deref(),
-        crate::files::config::PAPER_CONTROLLER,
-    )?;
+    let law = controller(args.controller.as_deref(), PAPER_CONTROLLER)?;
     let planned = args.common.plan(&arm, &task)?;
     // The demo's soft plant, started as planned: the feedback has work to do.
     let options = RunOptions {
@@ -50,30 +54,37 @@ pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
     let accuracies = accuracy::measure(plan, image, &options, &|| progress.inc(1))?;
     progress.finish_and_clear();
 
-    let mut summary: Map<String, Value> = accuracies
-        .iter()
-        .map(|a| (a.number.to_string(), Value::Object(entry(a))))
-        .collect();
-    summary.insert("formats".into(), Value::Object(formats_json(&analysis)));
-    summary.insert(
-        "fixed_torque_error_bound_Nm".into(),
-        json!(analysis.torque_error),
-    );
-    summary.insert("fixed_run_error_bound_Nm".into(), json!(analysis.run_error));
-    let excess: Vec<String> = accuracies.iter().flat_map(Accuracy::excess).collect();
-    summary.insert("excess".into(), json!(excess));
-    summary.insert("holds".into(), json!(excess.is_empty()));
-    let summary = Value::Object(summary);
+    let judged = limit_nm.map(|limit_nm| judge(&accuracies, limit_nm));
+    let judged = judged.unwrap_or_default();
+    let mut excess: Vec<String> = accuracies.iter().flat_map(Accuracy::excess).collect();
+    excess.extend(judged.iter().filter_map(Judged::excess));
+    let made = Provenance::of(&args.common)?
+        .profile(&task)
+        .file("controller", args.controller.as_deref(), PAPER_CONTROLLER)?
+        .gains(&law)
+        .plant(&options.plant);
+    let summary = made.summary(summary_keys(&accuracies, &analysis, &judged, &excess));
     output.json("summary.json", &summary)?;
     output.write("accuracy.csv", |w| trace_csv(&accuracies, w))?;
     let facts = format_facts(&analysis);
-    let place = pages::accuracy(&output, &accuracies, &facts)?;
+    let page = pages::AccuracyContent {
+        accuracies: &accuracies,
+        excess: &excess,
+        limit_nm,
+        facts: &facts,
+        provenance: &made.facts(),
+    };
+    let place = pages::accuracy(&output, &page)?;
     output.commit()?;
     if args.common.json {
-        print(&summary)?;
+        print(with_timing(&summary, planned.timing()))?;
     } else {
         print(table(&accuracies))?;
         print("")?;
+        if !judged.is_empty() {
+            print_facts(&judged.iter().map(Judged::fact).collect::<Vec<_>>())?;
+            print("")?;
+        }
         print_facts(&facts)?;
         print(format_args!("\n{place}"))?;
     }
@@ -81,6 +92,110 @@ pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
         Ok(())
     } else {
         Err(CliError::Verdict(excess.join("; ")))
+    }
+}
+
+/// What the summary says: each number type, the formats, the limits that were asked for, and what is
+/// above its bound or limit.
+fn summary_keys(
+    accuracies: &[Accuracy],
+    analysis: &Analysis,
+    judged: &[Judged],
+    excess: &[String],
+) -> Map<String, Value> {
+    let mut summary: Map<String, Value> = accuracies
+        .iter()
+        .map(|a| (a.number.to_string(), Value::Object(entry(a))))
+        .collect();
+    summary.extend(export::object([
+        ("formats", Value::Object(formats_json(analysis))),
+        ("fixed_torque_error_bound_Nm", json!(analysis.torque_error)),
+        ("fixed_run_error_bound_Nm", json!(analysis.run_error)),
+    ]));
+    if !judged.is_empty() {
+        let list: Vec<Value> = judged.iter().map(Judged::json).collect();
+        summary.insert("limits".into(), json!(list));
+    }
+    summary.extend(export::object([
+        ("excess", json!(excess)),
+        ("holds", json!(excess.is_empty())),
+    ]));
+    summary
+}
+
+impl AccuracyArgs {
+    /// The limits, if any are asked for.
+    fn limit_nm(&self) -> Result<Option<[f64; 2]>, CliError> {
+        let [first, second] = self.limit[..] else {
+            return Ok(None);
+        };
+        match first > 0.0 && second > 0.0 && first.max(second).is_finite() {
+            true => Ok(Some([first, second])),
+            false => Err(CliError::AccuracyLimit { first, second }),
+        }
+    }
+}
+
+/// A joint's largest torque error in closed loop, held against its limit.
+struct Judged {
+    number: &'static str,
+    /// 1 or 2.
+    joint: usize,
+    limit_nm: f64,
+    error_nm: f64,
+}
+
+/// Every number type's joints against their limits.
+fn judge(accuracies: &[Accuracy], limit_nm: [f64; 2]) -> Vec<Judged> {
+    let of = |a: &Accuracy, joint: usize| Judged {
+        number: a.number,
+        joint: joint + 1,
+        limit_nm: limit_nm[joint],
+        error_nm: a.closed_loop.joint_max_nm[joint],
+    };
+    let all = accuracies.iter();
+    all.flat_map(|a| [0, 1].map(|joint| of(a, joint))).collect()
+}
+
+impl Judged {
+    /// Not a number does not hold.
+    fn holds(&self) -> bool {
+        self.error_nm <= self.limit_nm
+    }
+
+    fn json(&self) -> Value {
+        Value::Object(export::object([
+            ("number", json!(self.number)),
+            ("joint", json!(self.joint)),
+            ("limit_Nm", json!(self.limit_nm)),
+            ("torque_error_max_Nm", json!(self.error_nm)),
+            ("holds", json!(self.holds())),
+        ]))
+    }
+
+    fn fact(&self) -> (String, String) {
+        let words = if self.holds() {
+            "holds"
+        } else {
+            "does NOT hold"
+        };
+        (
+            format!("{}, joint {}", self.number, self.joint),
+            format!(
+                "{words}: {:.1e} of {:.1e} N m",
+                self.error_nm, self.limit_nm
+            ),
+        )
+    }
+
+    fn excess(&self) -> Option<String> {
+        let Self { number, joint, .. } = self;
+        (!self.holds()).then(|| {
+            format!(
+                "{number}, closed loop: torque {joint} is off by {:.1e} N m, --limit is {:.1e}",
+                self.error_nm, self.limit_nm
+            )
+        })
     }
 }
 

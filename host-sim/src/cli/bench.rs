@@ -1,6 +1,7 @@
 //! What `run` and `campaign` share: scenario, plan, controller and board, ready for the bench.
 
 use super::plan::Planned;
+use super::provenance::{Provenance, profile_text, sha256_of, with_timing};
 use super::{
     CliError, Common, ModelArg, Output, own_gains, pages, print, print_facts, progress_bar,
     results, say,
@@ -13,7 +14,6 @@ use crate::files::config::{
 use crate::files::export;
 use crate::planner::plan::Plan;
 use crate::planner::task::{Task, Travel};
-use crate::planner::tip_force::NormalForce;
 use crate::simulation::bench::{self, BenchArm, BenchBoard, BenchLog, BenchTask, RunFigures, Then};
 use crate::text::{Shortest, four_digits};
 use clap::Args;
@@ -129,16 +129,17 @@ impl ScenarioArgs {
         self.check_faults(&config, &planned.plan)?;
         let then = self.plan_then(&common, &arm, &law)?;
         let (board, note) = board_for(&common, &planned.plan)?;
-        let mut inputs = vec![input(
-            "scenario",
-            self.scenario.as_deref(),
-            config.canonical.clone(),
-        )];
+        let scenario = self.scenario.as_deref();
+        let mut inputs = vec![CampaignInput {
+            // Nobody has written the ideal one.
+            sha256: scenario.map_or(Ok(String::new()), |file| sha256_of(Some(file), ""))?,
+            ..input("scenario", (scenario, scenario), config.canonical.clone())?
+        }];
         inputs.extend(file_texts(asked, &common, &task)?);
-        inputs.push(input("controller", asked_gains, law_text));
+        inputs.push(input("controller", (asked_gains, gains), law_text)?);
         if let (Some(file), Some((then, _))) = (&self.then, &then) {
             let said = text(Some(file), "")? + &move_text(&then.plan.task);
-            inputs.push(input("then", Some(file), said));
+            inputs.push(input("then", (Some(file), Some(file)), said)?);
         }
         inputs.extend(self.values(asked, planned.plan.tick_rate_hz));
         Ok(Bench {
@@ -206,6 +207,7 @@ impl ScenarioArgs {
             option: option.into(),
             file: said,
             text,
+            sha256: String::new(),
         };
         let rate = asked.tick_rate_hz.map(|rate| rate.to_string());
         let mut values = vec![said(
@@ -252,9 +254,10 @@ fn file_texts(
     asked: &Common,
     common: &Common,
     task: &Task,
-) -> Result<[CampaignInput; 3], ConfigError> {
+) -> Result<[CampaignInput; 3], CliError> {
     let of = |option: &str, said: &Option<PathBuf>, file: &Option<PathBuf>, default: &str| {
-        text(file.as_deref(), default).map(|text| input(option, said.as_deref(), text))
+        let text = text(file.as_deref(), default)?;
+        input(option, (said.as_deref(), file.as_deref()), text)
     };
     let mut of_task = of("task", &asked.task, &common.task, config::DEFAULT_TASK)?;
     // The files that it names decide the runs, too.
@@ -268,30 +271,18 @@ fn file_texts(
 }
 
 /// An input that decides the runs; `said` is what the command line named it by, nothing where the
-/// scenario names it or it is built in.
-fn input(option: &str, said: Option<&Path>, text: String) -> CampaignInput {
-    CampaignInput {
+/// scenario names the `file` or it is built in.
+fn input(
+    option: &str,
+    (said, file): (Option<&Path>, Option<&Path>),
+    text: String,
+) -> Result<CampaignInput, CliError> {
+    Ok(CampaignInput {
         option: option.into(),
         file: said.map_or(String::new(), |file| file.display().to_string()),
+        sha256: sha256_of(file, &text)?,
         text,
-    }
-}
-
-/// The way-points of a force profile, as a comment in a task's text; nothing where the force is
-/// constant.
-fn profile_text(task: &Task) -> String {
-    match &task.normal_force {
-        NormalForce::Constant(_) => String::new(),
-        NormalForce::Along(profile) => {
-            let points = profile
-                .way_points()
-                .map(|[way, force]| format!("# at {} m: {} N\n", Shortest(way), Shortest(force)));
-            format!(
-                "\n# The force along the path:\n{}",
-                points.collect::<String>()
-            )
-        }
-    }
+    })
 }
 
 /// The ends of a move through the air, as a comment in a task's text.
@@ -409,7 +400,7 @@ impl Bench {
         &self,
         output: Output,
         arm: &BenchArm,
-        title: &str,
+        (title, made): (&str, &Provenance),
         (keys, facts): (Map<String, Value>, Vec<(String, String)>),
         json: bool,
     ) -> Result<RunFigures, CliError> {
@@ -436,25 +427,33 @@ impl Bench {
         summary.extend(export::bench_json(&figures));
         summary.extend(self.planned.json());
         summary.extend(keys);
-        summary.extend(export::object([
-            ("run_ms", json!(run_ms)),
-            ("plant_elements", json!(run.elements)),
-        ]));
-        let summary = Value::Object(summary);
+        summary.insert("plant_elements".into(), json!(run.elements));
+        let summary = made.summary(summary);
         output.write("plan.csv", |w| export::plan_csv(plan, w))?;
         output.write("table.bin", |w| w.write_all(&self.planned.table.image))?;
         output.write("run.csv", |w| export::bench_csv(&rows, w))?;
         output.json("summary.json", &summary)?;
         let mut all = self.planned.facts();
         all.extend(facts);
-        all.extend(facts_of(&figures, run_ms, run.elements));
+        all.extend(facts_of(&figures, run.elements));
         let name = law_name(&self.law);
-        let place = pages::runs(&output, title, &[(name, "bench", plan, &run)], &all)?;
+        let page = pages::RunsContent {
+            title,
+            cases: &[(name, "bench", plan, &run)],
+            shown: 0,
+            facts: &all,
+            provenance: &made.facts(),
+        };
+        let place = pages::runs(&output, &page)?;
         output.commit()?;
         if json {
-            print(&summary)?;
+            let mut timing = self.planned.timing();
+            timing.insert("run_ms".into(), json!(run_ms));
+            print(with_timing(&summary, timing))?;
         } else {
             print_facts(&all)?;
+            let took = ("simulated in".to_string(), format!("{run_ms:.0} ms"));
+            print_facts(&[self.planned.took(), took])?;
             print("")?;
             print(results([(name, "bench", &run)]))?;
             print(format_args!("\n{place}"))?;
@@ -475,15 +474,12 @@ fn law_name(law: &LawParameters) -> &'static str {
     }
 }
 
-/// What a reader wants to know of a run besides its errors, which took `run_ms`.
-fn facts_of(figures: &RunFigures, run_ms: f64, elements: usize) -> [(String, String); 3] {
+/// What a reader wants to know of a run besides its errors.
+fn facts_of(figures: &RunFigures, elements: usize) -> [(String, String); 3] {
     let off_mm = four_digits(1e3 * figures.along_error_max_m);
     let lost_ms = four_digits(1e3 * figures.contact_lost_s);
     [
-        (
-            "simulated in",
-            format!("{run_ms:.0} ms, plant with {elements} elements"),
-        ),
+        ("plant", format!("{elements} elements")),
         ("without contact", format!("{lost_ms} ms")),
         ("along the surface", format!("{off_mm} mm off at most")),
     ]

@@ -1,6 +1,7 @@
 //! The command `campaign`: thousands of runs of a scenario, and shards of them put together.
 
 use super::bench::{Bench, ProofArgs, ScenarioArgs};
+use super::provenance::{COMMIT, Provenance, SCHEMA_VERSION, VERSION, with_timing};
 use super::run::judge;
 use super::{CliError, Common, Output, pages, print, print_facts, progress_bar, say};
 use crate::campaign::engine::Campaign;
@@ -18,6 +19,7 @@ use crate::files::{config, export};
 use crate::simulation::bench::BenchRow;
 use crate::text::{Shortest, four_digits};
 use clap::{Args, Subcommand, ValueEnum};
+use flexor::control::LawParameters;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions};
@@ -115,7 +117,9 @@ impl CampaignArgs {
     /// What the campaign is, on gains that were proved with these results.
     fn identity(&self, bench: &Bench, gains: Map<String, Value>) -> CampaignIdentity {
         CampaignIdentity {
-            version: env!("CARGO_PKG_VERSION").into(),
+            schema_version: SCHEMA_VERSION,
+            version: VERSION.into(),
+            commit: COMMIT.into(),
             seed: self.seed,
             runs: self.runs,
             shard: self.shard,
@@ -154,8 +158,9 @@ fn only(args: &CampaignArgs, number: u64) -> Result<(), CliError> {
         facts.push((key.to_string(), value.to_string()));
         keys.insert(key.to_string(), json!(value));
     }
-    let title = "Flexor: run of a campaign";
-    let figures = bench.run(output, &drawn.arm, title, (keys, facts), args.common.json)?;
+    let made = Provenance::of_inputs(&bench.inputs).gains(&bench.law);
+    let titled = ("Flexor: run of a campaign", &made);
+    let figures = bench.run(output, &drawn.arm, titled, (keys, facts), args.common.json)?;
     judge(figures.outcome, figures.ended_s, false, &args.out)
 }
 
@@ -372,11 +377,16 @@ fn is_of(file: &Path, identity: &CampaignIdentity) -> bool {
     let Some(found) = found else {
         return false;
     };
-    let same = found.difference(identity).is_none() && found.shard == identity.shard;
-    if !same {
-        say("note: an interrupted campaign in this folder was another one; it is begun anew");
+    let difference = found.difference(identity).or_else(|| {
+        let shards = (found.shard, identity.shard);
+        (shards.0 != shards.1).then(|| format!("shard {} and {}", shards.0, shards.1))
+    });
+    if let Some(difference) = &difference {
+        say(format_args!(
+            "note: an interrupted campaign in this folder was another one ({difference}); it is begun anew"
+        ));
     }
-    same
+    difference.is_none()
 }
 
 /// A campaign's results, to be written and shown.
@@ -396,9 +406,17 @@ impl Results<'_> {
         summary.extend(export::object([
             ("seed", json!(self.identity.seed)),
             ("shard", json!(self.identity.shard.to_string())),
-            ("version", json!(self.identity.version)),
         ]));
         summary.extend(self.identity.gains.clone());
+        // Of the whole campaign, also where these are a shard's runs, or were put together from
+        // shards: the results are the same.
+        let made =
+            Provenance::of_inputs(&self.identity.inputs).command(self.identity.command(None));
+        let made = match law_of(&self.identity) {
+            Some(law) => made.gains(&law),
+            None => made,
+        };
+        let summary = made.summary(summary);
         output.write("runs.csv", |w| rows_csv(&self.records, w))?;
         output.write("runs.parquet", |w| rows_parquet(&self.records, w))?;
         let identity =
@@ -407,14 +425,17 @@ impl Results<'_> {
                 cause: error.into(),
             })?;
         output.json("campaign.json", &identity)?;
-        output.json("summary.json", &Value::Object(summary.clone()))?;
+        output.json("summary.json", &summary)?;
         let folder = output.folder().to_path_buf();
-        let place = pages::campaign(&output, &self.identity, &self.records, &findings)?;
+        let place = pages::campaign(
+            &output,
+            (&self.identity, &self.records, &findings),
+            &made.facts(),
+        )?;
         output.commit()?;
-        // Not in the files: equal campaigns have equal ones.
-        summary.insert("real_time_factor".into(), json!(self.real_time_factor));
         if json {
-            print(Value::Object(summary))?;
+            let timing = export::object([("real_time_factor", json!(self.real_time_factor))]);
+            print(with_timing(&summary, timing))?;
         } else {
             print_facts(&facts(&findings, self.real_time_factor))?;
             print(format_args!(
@@ -445,6 +466,13 @@ impl Results<'_> {
             .collect();
         Err(CliError::Verdict(broken.join("; ")))
     }
+}
+
+/// The law that a campaign's text says.
+fn law_of(identity: &CampaignIdentity) -> Option<LawParameters> {
+    let mut inputs = identity.inputs.iter();
+    let input = inputs.find(|input| input.option == "controller")?;
+    config::parse_controller(&input.file, &input.text).ok()
 }
 
 /// What was found, for a reader.

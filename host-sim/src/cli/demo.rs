@@ -1,17 +1,18 @@
 //! The command `demo`: the paper's task in all its cases.
 
 use super::plan::Planned;
+use super::provenance::{Provenance, with_timing};
 use super::{
     CliError, Common, Output, gains, pages, paper_law, print, print_facts, progress_bar, results,
 };
-use crate::files::export;
+use crate::files::{config, export};
 use crate::simulation::cases;
 use crate::simulation::cases::{CASES, PLANTS};
 use crate::simulation::closed_loop::{Run, RunOptions, Simulation};
 use clap::Args;
 use flexor::control::LawParameters;
 use indicatif::ProgressBar;
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use std::io::Write;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -50,43 +51,37 @@ pub(super) fn demo(args: &DemoArgs) -> Result<(), CliError> {
     ];
     gains::warn(&planned[0].plan, &cases::plant(arm.elements, 1.0), &law);
     let law = law.into();
-    output.write("plan.csv", |w| export::plan_csv(&planned[0].plan, w))?;
-    output.write("plan_fast.csv", |w| export::plan_csv(&planned[1].plan, w))?;
-    output.write("table.bin", |w| w.write_all(&planned[0].table.image))?;
-    output.write("table_fast.bin", |w| w.write_all(&planned[1].table.image))?;
+    let made = Provenance::of(&args.common)?
+        .profile(&task)
+        .file(
+            "controller",
+            args.controller.as_deref(),
+            config::PAPER_CONTROLLER,
+        )?
+        .gains(&law);
+    for (planned, name) in planned.iter().zip(["", "_fast"]) {
+        let (plan, image) = (&planned.plan, &planned.table.image);
+        output.write(&format!("plan{name}.csv"), |w| export::plan_csv(plan, w))?;
+        output.write(&format!("table{name}.bin"), |w| w.write_all(image))?;
+    }
 
     let progress = progress_bar((CASES.len() * PLANTS.len()) as u64, "{msg}");
-    let runs = run_cases(&output, arm.elements, &law, &planned, &progress)?;
+    let runs = run_cases(&output, arm.elements, (&law, &made), &planned, &progress)?;
     progress.set_message("report");
-    let summary = summary_json(&runs, &planned);
+    let summary = made.summary(summary_json(&runs, &planned));
     output.json("summary.json", &summary)?;
-    let cases: Vec<pages::CaseRun> = runs
-        .iter()
-        .map(|demo| {
-            (
-                demo.case,
-                demo.plant,
-                &planned[demo.planned].plan,
-                &demo.run,
-            )
-        })
-        .collect();
-    let mut facts = planned[0].facts();
-    facts.extend(
-        planned[1]
-            .facts()
-            .into_iter()
-            .map(|(name, fact)| (format!("fast: {name}"), fact)),
-    );
-    let title = "Flexor: the paper's manipulation";
-    let place = pages::runs(&output, title, &cases, &facts)?;
+    let place = write_page(&output, &runs, &planned, &made)?;
     output.commit()?;
     progress.finish_and_clear();
 
     if args.common.json {
-        return print(&summary);
+        let seconds = since.elapsed().as_secs_f64();
+        let mut timing = planned[0].timing();
+        timing.extend(export::object([("demo_s", json!(seconds))]));
+        return print(with_timing(&summary, timing));
     }
     print_facts(&planned[0].facts())?;
+    print_facts(&[planned[0].took()])?;
     print("")?;
     print(results(
         runs.iter().map(|demo| (demo.case, demo.plant, &demo.run)),
@@ -97,6 +92,42 @@ pub(super) fn demo(args: &DemoArgs) -> Result<(), CliError> {
         since.elapsed().as_secs_f64()
     ))
 }
+
+/// Writes figures and page; says where they will be.
+fn write_page(
+    output: &Output,
+    runs: &[DemoRun],
+    planned: &[Planned; 2],
+    made: &Provenance,
+) -> Result<String, CliError> {
+    let runs = runs.iter();
+    let cases: Vec<pages::CaseRun> = runs
+        .map(|demo| {
+            (
+                demo.case,
+                demo.plant,
+                &planned[demo.planned].plan,
+                &demo.run,
+            )
+        })
+        .collect();
+    let fast = planned[1].facts().into_iter();
+    let fast = fast.map(|(name, fact)| (format!("fast: {name}"), fact));
+    let facts: Vec<(String, String)> = planned[0].facts().into_iter().chain(fast).collect();
+    // The one in which something happens: the paper's law on another arm than the planned one.
+    let shown = { cases.iter() }.position(|(case, plant, ..)| (*case, *plant) == SHOWN);
+    let page = pages::RunsContent {
+        title: "Flexor: the paper's manipulation",
+        cases: &cases,
+        shown: shown.unwrap_or_default(),
+        facts: &facts,
+        provenance: &made.facts(),
+    };
+    pages::runs(output, &page)
+}
+
+/// Case and plant that the page begins with.
+const SHOWN: (&str, &str) = ("proposed", "stiffness_x0.9");
 
 /// A case's run on a plant.
 struct DemoRun {
@@ -111,7 +142,7 @@ struct DemoRun {
 fn run_cases(
     output: &Output,
     elements: usize,
-    law: &LawParameters,
+    (law, made): (&LawParameters, &Provenance),
     planned: &[Planned; 2],
     progress: &ProgressBar,
 ) -> Result<Vec<DemoRun>, CliError> {
@@ -132,7 +163,8 @@ fn run_cases(
             output.write(&name("run.csv"), |w| export::run_csv(&run, w))?;
             let mut summary = export::summary_json(&run.summary);
             summary.extend(planned[used].json());
-            output.json(&name("summary.json"), &Value::Object(summary))?;
+            let of_case = made.clone().gains(&options.law).plant(&options.plant);
+            output.json(&name("summary.json"), &of_case.summary(summary))?;
             runs.push(DemoRun {
                 case: case.name,
                 plant,
@@ -146,7 +178,7 @@ fn run_cases(
 }
 
 /// All runs' errors, and both plans' figures.
-fn summary_json(runs: &[DemoRun], planned: &[Planned; 2]) -> Value {
+fn summary_json(runs: &[DemoRun], planned: &[Planned; 2]) -> Map<String, Value> {
     let entry = |demo: &DemoRun| {
         let names = [("case", json!(demo.case)), ("plant", json!(demo.plant))];
         let mut entry = export::object(names);
@@ -154,5 +186,9 @@ fn summary_json(runs: &[DemoRun], planned: &[Planned; 2]) -> Value {
         Value::Object(entry)
     };
     let list: Vec<Value> = runs.iter().map(entry).collect();
-    json!({ "cases": list, "plan": planned[0].json(), "plan_fast": planned[1].json() })
+    export::object([
+        ("cases", json!(list)),
+        ("plan", json!(planned[0].json())),
+        ("plan_fast", json!(planned[1].json())),
+    ])
 }

@@ -105,6 +105,8 @@ pub(super) enum CliError {
     Move { what: &'static str },
     #[error("{}: --then takes a move through the air, with a [move]", file.display())]
     NoMove { file: PathBuf },
+    #[error("--limit {} {}; accepted: two torques in N m above 0", Shortest(*first), Shortest(*second))]
+    AccuracyLimit { first: f64, second: f64 },
     #[error(transparent)]
     Hybrid(#[from] HybridError),
     #[error("these gains do not hold every arm: {why}")]
@@ -193,6 +195,7 @@ impl CliError {
             | Self::PaperLawOnly { .. }
             | Self::Unproven { .. }
             | Self::RootInertia { .. }
+            | Self::AccuracyLimit { .. }
             | Self::NoRun { .. }
             | Self::EmptyShard { .. }
             | Self::Bench(_)

@@ -23,7 +23,9 @@ mod pages;
 #[cfg(feature = "target")]
 mod pil;
 mod plan;
+mod provenance;
 mod run;
+mod shell;
 mod signals;
 
 #[cfg(feature = "target")]
@@ -63,7 +65,7 @@ enum Command {
     Demo(demo::DemoArgs),
     /// Plans a task: joint angles, deflection and feedforward torques, and the table.
     #[command(
-        after_help = "Example: flexor plan --arm examples/arm.toml --task examples/task_fast.toml --out out/plan\n\nWrites plan.csv, table.bin and summary.json."
+        after_help = "Example: flexor plan --arm examples/arm.toml --task examples/task_fast.toml --out out/plan\n\nWrites plan.csv, table.bin, summary.json, a figure and report.html."
     )]
     Plan(plan::PlanArgs),
     /// Plans a task and runs the controller on it against a simulated arm.
@@ -100,10 +102,18 @@ enum Command {
         after_help = "Example: flexor board sensors --port /dev/ttyUSB0 --follow\n\nWithout --port the image in QEMU, whose stop reads as pressed. The firmware's log goes to standard error. Exit codes: 0 done; 1 refused, failed, or stopped before the table's end; 2 command line, port or image at fault."
     )]
     Board(board::BoardArgs),
+    /// Prints what a shell needs to complete this program's commands and options.
+    #[command(
+        after_help = "Example: flexor completions bash > ~/.local/share/bash-completion/completions/flexor"
+    )]
+    Completions(shell::CompletionsArgs),
+    /// Writes manual pages, one a command.
+    #[command(after_help = "Example: flexor man --out ~/.local/share/man/man1")]
+    Man(shell::ManArgs),
 }
 
 /// Files and places that every command takes.
-#[derive(Args, Clone)]
+#[derive(Args, Clone, Default)]
 struct Common {
     /// The arm; without it the paper's [examples/arm.toml]
     #[arg(long, value_name = "FILE")]
@@ -127,8 +137,9 @@ struct Common {
     json: bool,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
+#[derive(Clone, Copy, Default, ValueEnum)]
 enum ModelArg {
+    #[default]
     Exact,
     AsPrinted,
 }
@@ -141,6 +152,8 @@ pub fn main() -> u8 {
 /// Runs a command line, the program's name first; the exit code. Ends the process where
 /// the command line is not understood, or asks for help.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    provenance::remember(&arguments);
     let result = match Cli::parse_from(arguments).command {
         None => {
             // As if typed, so that the defaults have one place.
@@ -159,6 +172,8 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Some(Command::Pil(args)) => pil::pil_command(&args),
         #[cfg(feature = "target")]
         Some(Command::Board(args)) => board::board(&args),
+        Some(Command::Completions(args)) => shell::completions(&args),
+        Some(Command::Man(args)) => shell::man(&args),
     };
     match result {
         Ok(()) => 0,

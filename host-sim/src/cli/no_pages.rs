@@ -15,6 +15,40 @@ use flexor::control::PaperParameters;
 /// A case's name, the plant's, the plan and the run.
 pub(super) type CaseRun<'a> = (&'a str, &'a str, &'a Plan, &'a Run);
 
+/// What the page of runs would show.
+#[allow(dead_code)]
+pub(super) struct RunsContent<'a> {
+    pub(super) title: &'a str,
+    pub(super) cases: &'a [CaseRun<'a>],
+    /// The case that it begins with.
+    pub(super) shown: usize,
+    pub(super) facts: &'a [(String, String)],
+    pub(super) provenance: &'a [(String, String)],
+}
+
+/// What the page of a plan would show.
+#[allow(dead_code)]
+pub(super) struct PlanContent<'a> {
+    pub(super) plan: &'a Plan,
+    /// Whether it can be driven, in a sentence.
+    pub(super) verdict: (bool, String),
+    pub(super) warnings: &'a [String],
+    pub(super) facts: &'a [(String, String)],
+    pub(super) provenance: &'a [(String, String)],
+}
+
+/// What the page on accuracy would show.
+#[allow(dead_code)]
+pub(super) struct AccuracyContent<'a> {
+    pub(super) accuracies: &'a [Accuracy],
+    /// What is above its bound or limit, in words.
+    pub(super) excess: &'a [String],
+    /// What was asked for of the joints, N m.
+    pub(super) limit_nm: Option<[f64; 2]>,
+    pub(super) facts: &'a [(String, String)],
+    pub(super) provenance: &'a [(String, String)],
+}
+
 /// What a page on gains would show.
 #[allow(dead_code)]
 pub(super) struct GainsContent<'a> {
@@ -25,6 +59,7 @@ pub(super) struct GainsContent<'a> {
     pub(super) map_of: [GainId; 2],
     pub(super) warnings: &'a [String],
     pub(super) facts: &'a [(String, String)],
+    pub(super) provenance: &'a [(String, String)],
 }
 
 /// Where results are, as a sentence.
@@ -33,20 +68,19 @@ fn place(output: &Output) -> Result<String, CliError> {
 }
 
 /// Says where the results are.
-pub(super) fn runs(
-    output: &Output,
-    _title: &str,
-    _cases: &[CaseRun<'_>],
-    _facts: &[(String, String)],
-) -> Result<String, CliError> {
+pub(super) fn runs(output: &Output, _content: &RunsContent<'_>) -> Result<String, CliError> {
+    place(output)
+}
+
+/// Says where the results are.
+pub(super) fn plan(output: &Output, _content: &PlanContent<'_>) -> Result<String, CliError> {
     place(output)
 }
 
 /// Says where the results are.
 pub(super) fn accuracy(
     output: &Output,
-    _accuracies: &[Accuracy],
-    _facts: &[(String, String)],
+    _content: &AccuracyContent<'_>,
 ) -> Result<String, CliError> {
     place(output)
 }
@@ -59,9 +93,8 @@ pub(super) fn gains(output: &Output, _content: &GainsContent<'_>) -> Result<Stri
 /// Says where the results are.
 pub(super) fn campaign(
     output: &Output,
-    _identity: &CampaignIdentity,
-    _records: &CampaignRecords,
-    _findings: &Findings,
+    _campaign: (&CampaignIdentity, &CampaignRecords, &Findings),
+    _provenance: &[(String, String)],
 ) -> Result<String, CliError> {
     place(output)
 }

@@ -3,6 +3,7 @@
 
 use super::CliError;
 use crate::simulation::closed_loop::Run;
+use crate::text::three_digits;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::{self, Write};
 
@@ -45,8 +46,8 @@ pub(super) fn results<'a>(
         "plant",
         "force rms, N",
         "max, N",
-        "tip rms, m",
-        "max, m",
+        "tip rms, mm",
+        "max, mm",
         "outcome",
     ]);
     for (case, plant, run) in runs {
@@ -54,11 +55,11 @@ pub(super) fn results<'a>(
         let numbers = [
             s.force_error_rms,
             s.force_error_max,
-            s.tip_error_rms,
-            s.tip_error_max,
+            1e3 * s.tip_error_rms,
+            1e3 * s.tip_error_max,
         ];
         let mut row = vec![case.to_string(), plant.to_string()];
-        row.extend(numbers.map(|x| format!("{x:.2e}")));
+        row.extend(numbers.map(three_digits));
         row.push(s.outcome.name().to_string());
         table.add_row(row);
     }

@@ -1,7 +1,7 @@
 //! The command `pil`: `run` with the firmware as the controller.
 
 use super::connection::{ConnectionArgs, firmware_version};
-use super::run::{Simulation, SimulationArgs};
+use super::run::{RunReport, Simulation, SimulationArgs};
 use super::signals::stop_flag;
 use super::{CliError, Output, progress_bar};
 use crate::files::export;
@@ -54,8 +54,16 @@ pub(super) fn pil_command(args: &PilArgs) -> Result<(), CliError> {
         ("random_measurements", json!(args.random)),
         ("random_differing", json!(random_differing)),
     ]));
-    let (title, as_json) = ("Flexor: processor in the loop", args.simulation.common.json);
-    simulation.report(output, &pil.run, title, keys, facts, as_json)?;
+    let timing = export::object([("wall_s", json!(pil.wall_s))]);
+    let report = RunReport {
+        run: &pil.run,
+        title: "Flexor: processor in the loop",
+        keys,
+        facts,
+        timing: (timing, ("took".into(), format!("{:.1} s", pil.wall_s))),
+        json: args.simulation.common.json,
+    };
+    simulation.report(output, report)?;
     if let Some(first) = pil.first_difference {
         return Err(CliError::Differs {
             differing: pil.differing_commands,
@@ -145,7 +153,6 @@ fn pil_json(target: &Target, pil: &PilRun) -> Map<String, Value> {
         ("cycles_min", json!(cycles_min)),
         ("cycles_median", json!(cycles_median)),
         ("cycles_max", json!(cycles_max)),
-        ("wall_s", json!(pil.wall_s)),
         ("slot", json!(format!("{:?}", pil.slot))),
         ("firmware_version", json!(version)),
         ("firmware_git", json!(git)),
@@ -195,7 +202,6 @@ fn pil_facts(target: &Target, pil: &PilRun) -> Vec<(String, String)> {
             "firmware's stack",
             format!("{} bytes at the deepest", pil.status.stack_bytes),
         ),
-        ("took", format!("{:.1} s", pil.wall_s)),
     ]
     .map(|(name, fact)| (name.to_string(), fact))
     .to_vec()

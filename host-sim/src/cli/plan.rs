@@ -1,7 +1,8 @@
 //! The command `plan`, and planning for all commands: plan, table, limits, and what a reader
 //! should know of them.
 
-use super::{CliError, Common, ModelArg, Output, print, print_facts, say};
+use super::provenance::{Provenance, with_timing};
+use super::{CliError, Common, ModelArg, Output, pages, print, print_facts, say};
 use crate::files::config::ArmConfig;
 use crate::files::export;
 use crate::model::link::{LinkKind, LinkModel};
@@ -33,20 +34,33 @@ pub(super) fn plan_command(args: &PlanArgs) -> Result<(), CliError> {
     let output = Output::open(&args.out, args.common.inputs())?;
     let (arm, task) = args.common.load()?;
     let planned = args.common.plan(&arm, &task)?;
+    let mut warnings = planned.doubts.clone();
     if let Some(word) = bending_doubt(&planned.plan) {
         say(format_args!("warning: {word}"));
+        warnings.push(word);
     }
+    let made = Provenance::of(&args.common)?.profile(&task);
     output.write("plan.csv", |w| export::plan_csv(&planned.plan, w))?;
     output.write("table.bin", |w| w.write_all(&planned.table.image))?;
-    let summary = Value::Object(planned.json());
+    let summary = made.summary(planned.json());
+    let facts = planned.facts();
+    let page = pages::PlanContent {
+        plan: &planned.plan,
+        verdict: planned.verdict(),
+        warnings: &warnings,
+        facts: &facts,
+        provenance: &made.facts(),
+    };
+    let place = pages::plan(&output, &page)?;
     output.json("summary.json", &summary)?;
     output.commit()?;
     if args.common.json {
-        return print(summary);
+        return print(with_timing(&summary, planned.timing()));
     }
-    print_facts(&planned.facts())?;
+    print_facts(&facts)?;
+    print_facts(&[planned.took()])?;
     print(format_args!(
-        "\nplan.csv, table.bin and summary.json are in {}",
+        "\nplan.csv, table.bin and summary.json are in {}\n{place}",
         args.out.display()
     ))
 }
@@ -137,10 +151,12 @@ fn friction_doubt(plan: &Plan) -> Option<String> {
 pub(super) struct Planned {
     pub(super) plan: Plan,
     pub(super) table: EncodedTable,
-    pub(super) plan_ms: f64,
-    pub(super) table_ms: f64,
+    plan_ms: f64,
+    table_ms: f64,
     pub(super) limits: LimitParameters,
     limits_of: LimitsOf,
+    /// What a reader should know before using it, which was said.
+    doubts: Vec<String>,
 }
 
 /// Whose the limits of a plan's torques are.
@@ -258,7 +274,8 @@ impl Common {
         };
         let since = Instant::now();
         let table = table_fit::fit_table(&plan)?;
-        for word in doubts(&plan, &limits) {
+        let doubts = doubts(&plan, &limits);
+        for word in &doubts {
             say(format_args!("warning: {word}"));
         }
         Ok(Planned {
@@ -268,6 +285,7 @@ impl Common {
             table_ms: milliseconds(since),
             limits,
             limits_of,
+            doubts,
         })
     }
 }
@@ -279,8 +297,6 @@ impl Planned {
         let peaks = &self.plan.peaks;
         let seconds = |ticks: u32| f64::from(ticks) / f64::from(self.plan.tick_rate_hz);
         export::object([
-            ("plan_ms", json!(self.plan_ms)),
-            ("table_ms", json!(self.table_ms)),
             ("table_bytes", json!(self.table.image.len())),
             (
                 "table_torque_error_max_Nm",
@@ -324,6 +340,39 @@ impl Planned {
         ])
     }
 
+    /// How long planning took, for `--json`.
+    pub(super) fn timing(&self) -> Map<String, Value> {
+        export::object([
+            ("plan_ms", json!(self.plan_ms)),
+            ("table_ms", json!(self.table_ms)),
+        ])
+    }
+
+    /// The same for a reader.
+    pub(super) fn took(&self) -> (String, String) {
+        let words = format!(
+            "{:.1} ms, the table in {:.1} ms",
+            self.plan_ms, self.table_ms
+        );
+        ("planned in".into(), words)
+    }
+
+    /// Whether drives that are known give the plan's torques, in a sentence.
+    fn verdict(&self) -> (bool, String) {
+        let [first, second] = self.plan.peaks.torque.map(four_digits);
+        let [most1, most2] = self.limits.torque_nm.map(four_digits);
+        let known = self.limits_of.arm || self.limits_of.board;
+        let text = match known {
+            true => format!(
+                "Planned: torques up to {first} and {second} N m, within the {most1} and {most2} N m that the drives give."
+            ),
+            false => format!(
+                "Planned: torques up to {first} and {second} N m. Nothing is known of the drives: [limits] in the arm file, or --board FILE, says what they give."
+            ),
+        };
+        (self.doubts.is_empty(), text)
+    }
+
     /// The plan's figures as facts for a reader.
     pub(super) fn facts(&self) -> Vec<(String, String)> {
         let plan = &self.plan;
@@ -331,21 +380,60 @@ impl Planned {
         let end = plan.points[plan.points.len() - 1].t;
         let (intervals, iterations) = plan.effort();
         [
-            ("motion", format!(
-                "{:.4} to {end:.4} s, {} ticks at {} Hz", plan.points[0].t, plan.ticks, plan.tick_rate_hz)),
-            ("planned in", format!(
-                "{:.1} ms, {intervals} intervals, {iterations} Newton steps; the table in {:.1} ms",
-                self.plan_ms, self.table_ms)),
-            ("deflection error estimate", format!("{:.1e} rad, of the length", plan.error_estimate())),
-            ("planned torque", format!("up to {} and {} N m", four_digits(peaks.torque[0]), four_digits(peaks.torque[1]))),
-            ("torque limits", format!(
-                "{} and {} N m, {}", four_digits(self.limits.torque_nm[0]),
-                four_digits(self.limits.torque_nm[1]), self.limits_of.words())),
-            ("planned power", format!("up to {} and {} W", four_digits(peaks.power[0]), four_digits(peaks.power[1]))),
-            ("slope rate at the start", format!("{:.2e} rad/s", plan.points[0].root_slope_rate)),
-            ("feedforward table", format!(
-                "task {:#010x}, {} bytes, torque to {:.1e} N m, {:.1e} of its peak",
-                plan.task_fingerprint(), self.table.image.len(), self.table.torque_error_max_nm, self.table.torque_error_share)),
+            (
+                "motion",
+                format!(
+                    "{:.4} to {end:.4} s, {} ticks at {} Hz",
+                    plan.points[0].t, plan.ticks, plan.tick_rate_hz
+                ),
+            ),
+            (
+                "solved with",
+                format!("{intervals} intervals, {iterations} Newton steps"),
+            ),
+            (
+                "deflection error estimate",
+                format!("{:.1e} rad, of the length", plan.error_estimate()),
+            ),
+            (
+                "planned torque",
+                format!(
+                    "up to {} and {} N m",
+                    four_digits(peaks.torque[0]),
+                    four_digits(peaks.torque[1])
+                ),
+            ),
+            (
+                "torque limits",
+                format!(
+                    "{} and {} N m, {}",
+                    four_digits(self.limits.torque_nm[0]),
+                    four_digits(self.limits.torque_nm[1]),
+                    self.limits_of.words()
+                ),
+            ),
+            (
+                "planned power",
+                format!(
+                    "up to {} and {} W",
+                    four_digits(peaks.power[0]),
+                    four_digits(peaks.power[1])
+                ),
+            ),
+            (
+                "slope rate at the start",
+                format!("{:.2e} rad/s", plan.points[0].root_slope_rate),
+            ),
+            (
+                "feedforward table",
+                format!(
+                    "task {:#010x}, {} bytes, torque to {:.1e} N m, {:.1e} of its peak",
+                    plan.task_fingerprint(),
+                    self.table.image.len(),
+                    self.table.torque_error_max_nm,
+                    self.table.torque_error_share
+                ),
+            ),
         ]
         .map(|(name, fact)| (name.to_string(), fact))
         .to_vec()

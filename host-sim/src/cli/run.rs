@@ -2,6 +2,7 @@
 
 use super::bench::{ProofArgs, ScenarioArgs};
 use super::plan::Planned;
+use super::provenance::{Provenance, with_timing};
 use super::{
     CliError, Common, Output, accuracy, controller, gains, pages, print, print_facts, progress_bar,
     results, say,
@@ -185,9 +186,7 @@ fn run_ideal(args: &RunArgs) -> Result<(), CliError> {
     progress.finish_and_clear();
     let run_ms = since.elapsed().as_secs_f64() * 1e3;
 
-    let mut keys = export::object([("run_ms", json!(run_ms))]);
-    let fact = format!("{run_ms:.0} ms, plant with {} elements", run.elements);
-    let mut facts = vec![("simulated in".into(), fact)];
+    let (mut keys, mut facts) = (Map::new(), vec![]);
     if let Some(saturations) = saturations {
         let total = saturations.total();
         keys.insert("saturations".into(), json!(total));
@@ -198,14 +197,17 @@ fn run_ideal(args: &RunArgs) -> Result<(), CliError> {
         facts.extend(accuracy::format_facts(&analysis));
         facts.push(("fixed point: saturations".into(), total.to_string()));
     }
-    simulation.report(
-        output,
-        &run,
-        "Flexor: run",
+    let timing = export::object([("run_ms", json!(run_ms))]);
+    let took = ("simulated in".to_string(), format!("{run_ms:.0} ms"));
+    let report = RunReport {
+        run: &run,
+        title: "Flexor: run",
         keys,
         facts,
-        args.simulation.common.json,
-    )?;
+        timing: (timing, took),
+        json: args.simulation.common.json,
+    };
+    simulation.report(output, report)?;
     simulation.judge(&run, &args.out)
 }
 
@@ -249,7 +251,16 @@ fn run_on_bench(args: &RunArgs) -> Result<(), CliError> {
         gains::warn(plan, &plant, law);
     }
     let json = simulation.common.json;
-    let figures = bench.run(output, &arm, "Flexor: run", (keys, Vec::new()), json)?;
+    let mut made = Provenance::of_inputs(&bench.inputs);
+    if let Some(file) = &simulation.plant {
+        made = made.file("plant", Some(file), "")?;
+    }
+    let made = made
+        .file("table", simulation.table.as_deref(), "")?
+        .gains(&bench.law)
+        .plant(&setup.plant);
+    let title = "Flexor: run";
+    let figures = bench.run(output, &arm, (title, &made), (keys, Vec::new()), json)?;
     let required = simulation.require_completed;
     judge(figures.outcome, figures.ended_s, required, &args.out)
 }
@@ -259,28 +270,34 @@ pub(super) struct Simulation {
     pub(super) planned: Planned,
     pub(super) options: RunOptions,
     pub(super) mode: Mode,
+    /// What it is made from.
+    made: Provenance,
     /// Whether another outcome than completed is a failure.
     require_completed: bool,
 }
 
+/// What is particular to a run that is reported.
+pub(super) struct RunReport<'a> {
+    pub(super) run: &'a Run,
+    pub(super) title: &'a str,
+    pub(super) keys: Map<String, Value>,
+    pub(super) facts: Vec<(String, String)>,
+    /// How long it took: keys for `--json`, a fact for a reader.
+    pub(super) timing: (Map<String, Value>, (String, String)),
+    /// Whether JSON is printed.
+    pub(super) json: bool,
+}
+
 impl Simulation {
-    /// Writes the files of a run, all that `output` gets, and prints its result. `keys` and `facts` are what is
-    /// particular to it.
-    pub(super) fn report(
-        &self,
-        output: Output,
-        run: &Run,
-        title: &str,
-        keys: Map<String, Value>,
-        facts: Vec<(String, String)>,
-        json: bool,
-    ) -> Result<(), CliError> {
+    /// Writes the files of a run, all that `output` gets, and prints its result.
+    pub(super) fn report(&self, output: Output, report: RunReport<'_>) -> Result<(), CliError> {
         let Planned { plan, table, .. } = &self.planned;
+        let run = report.run;
         let mut summary = export::summary_json(&run.summary);
         summary.extend(self.planned.json());
-        summary.extend(keys);
+        summary.extend(report.keys);
         summary.insert("plant_elements".into(), json!(run.elements));
-        let summary = Value::Object(summary);
+        let summary = self.made.summary(summary);
         output.write("plan.csv", |w| export::plan_csv(plan, w))?;
         output.write("table.bin", |w| w.write_all(&table.image))?;
         output.write("run.csv", |w| export::run_csv(run, w))?;
@@ -291,13 +308,25 @@ impl Simulation {
             Mode::Feedback => "feedback",
         };
         let mut all = self.planned.facts();
-        all.extend(facts);
-        let place = pages::runs(&output, title, &[(name, "plant", plan, run)], &all)?;
+        all.push(("plant".into(), format!("{} elements", run.elements)));
+        all.extend(report.facts);
+        let page = pages::RunsContent {
+            title: report.title,
+            cases: &[(name, "plant", plan, run)],
+            shown: 0,
+            facts: &all,
+            provenance: &self.made.facts(),
+        };
+        let place = pages::runs(&output, &page)?;
         output.commit()?;
-        if json {
-            return print(&summary);
+        let (timing, took) = report.timing;
+        if report.json {
+            let mut all = self.planned.timing();
+            all.extend(timing);
+            return print(with_timing(&summary, all));
         }
         print_facts(&all)?;
+        print_facts(&[self.planned.took(), took])?;
         print("")?;
         print(results([(name, "plant", run)]))?;
         print(format_args!("\n{place}"))
@@ -359,10 +388,22 @@ impl SimulationArgs {
             plant,
             start,
         };
+        let made = Provenance::of(&self.common)?
+            .profile(&task)
+            .file(
+                "controller",
+                self.controller.as_deref(),
+                config::PAPER_CONTROLLER,
+            )?
+            .file("plant", self.plant.as_deref(), "")?
+            .file("table", self.table.as_deref(), "")?
+            .gains(&options.law)
+            .plant(&options.plant);
         Ok(Simulation {
             planned,
             options,
             mode,
+            made,
             require_completed: self.require_completed,
         })
     }

@@ -17,14 +17,14 @@ mod plot;
 use self::arm::stick_figure;
 use self::cases::{contact_forces, histories};
 use super::{Case, ReportError, write_file};
+use crate::planner::plan::Plan;
 use std::path::{Path, PathBuf};
 
 pub(super) use accuracy::accuracy_figures;
-pub(super) use axis::{decimate, number};
+pub(super) use axis::number;
 #[cfg(feature = "campaign")]
 pub(super) use campaign::{campaign_figures, correlation_text, percent};
-pub(super) use cases::force_axis;
-pub(super) use plot::{Figure, POINTS_MAX};
+pub(super) use plot::Figure;
 
 /// Writes the figures of `cases` into the folder `dir` as SVG files and returns their
 /// paths.
@@ -47,10 +47,15 @@ pub fn write_figures(dir: &Path, cases: &[Case]) -> Result<Vec<PathBuf>, ReportE
         .collect()
 }
 
+/// The figures of a plan.
+pub(super) fn plan_figures(plan: &Plan) -> Result<Vec<Figure>, ReportError> {
+    Ok(vec![stick_figure(plan)?])
+}
+
 /// All figures of `cases`.
 pub(super) fn figures(cases: &[Case]) -> Result<Vec<Figure>, ReportError> {
     let first = cases.first().ok_or(ReportError::NoCases)?;
-    let mut figures = vec![stick_figure(first)?, contact_forces(cases)?];
+    let mut figures = vec![stick_figure(first.plan)?, contact_forces(cases)?];
     for case in cases {
         let mut figure = histories(case)?;
         // Two cases must not overwrite each other's file.
@@ -207,19 +212,13 @@ mod tests {
 
     #[test]
     fn the_stick_figure_has_equal_scales_and_points_down() {
-        let (plan, run) = short_run();
-        let case = Case {
-            case: "c",
-            plant: "p",
-            plan: &plan,
-            run: &run,
-        };
-        let svg = stick_figure(&case).unwrap().svg;
+        let (plan, _) = short_run();
+        let svg = stick_figure(&plan).unwrap().svg;
         let document = roxmltree::Document::parse(&svg).unwrap();
         // Link 1 is a line of two points in its colour, 0.5 m long, from joint 1 down.
         let links: Vec<Vec<f64>> = document
             .descendants()
-            .filter(|node| node.attribute("stroke") == Some("#0072B2"))
+            .filter(|node| node.attribute("stroke") == Some("#7A7F85"))
             .map(|node| {
                 let points = node.attribute("points").unwrap_or_default();
                 let numbers = points.split([' ', ',']).filter(|t| !t.is_empty());
@@ -236,6 +235,20 @@ mod tests {
             assert!((length / lengths[0] - 1.0).abs() < 2e-3, "{lengths:?}");
             assert!(link[3] > link[1], "joint 2 is below joint 1: {link:?}");
         }
+    }
+
+    #[test]
+    fn a_move_through_the_air_has_no_surface() {
+        let (mut plan, _) = short_run();
+        let texts = |plan: &Plan| {
+            let svg = stick_figure(plan).unwrap().svg;
+            svg.contains("\nsurface\n")
+        };
+        assert!(texts(&plan));
+        plan.task.travel = crate::planner::task::Travel::Joints(crate::planner::path::JointWay {
+            ends: [plan.points[0].joint.angle, plan.points[900].joint.angle],
+        });
+        assert!(!texts(&plan));
     }
 
     #[test]

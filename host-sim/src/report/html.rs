@@ -1,25 +1,15 @@
-//! The report as one HTML page that needs nothing but itself: no network, and without
-//! scripts still the table and the figures.
+//! The page of runs, which needs nothing but itself: no network, and without scripts still the
+//! verdict, the table and the figures.
 
-use super::figures::gains::{self, Gains};
-use super::figures::{POINTS_MAX, decimate, figures, force_axis, number};
+use super::figures::{figures, number};
+use super::motion::{Motion, presses};
+use super::page::{Explored, Verdict};
+use super::series::Panel;
 use super::{Case, ReportError, page};
-use crate::analysis::stability::path::Summary;
-use crate::model::arm_model::deflection_matrix;
-use crate::simulation::closed_loop::{Run, SHAPE_STRIDE};
+use crate::simulation::closed_loop::{LogRow, Outcome};
 use minijinja::{Value, context};
-use nalgebra::DVector;
 use serde::Serialize;
 use std::path::Path;
-
-/// Most frames of a case in the player.
-const FRAMES_MAX: usize = 1000;
-
-/// Intervals in which the player draws link 2.
-const INTERVALS: usize = 32;
-
-/// Deflections in the page are integers in this unit, m: a fiftieth of a pixel.
-const DEFLECTION_UNIT_M: f64 = 1e-5;
 
 /// A row of the table of results.
 #[derive(Serialize)]
@@ -34,241 +24,154 @@ struct Row {
     good: bool,
 }
 
-/// What the player knows of a case. Lengths in m, angles in rad, forces in N.
-#[derive(Serialize)]
-struct Motion {
-    case: String,
-    plant: String,
-    lengths: [f64; 2],
-    normal: [f64; 2],
-    path: [[f64; 2]; 2],
-    /// The largest planned force.
-    reference: f64,
-    /// The planned force over time, `[t, f]`.
-    planned: Vec<[f64; 2]>,
-    /// First and last time of the plan, s.
-    times: [f64; 2],
-    /// Times of the frames, s.
-    t: Vec<f64>,
-    angle1: Vec<f64>,
-    angle2: Vec<f64>,
-    force: Vec<f64>,
-    /// Tip references, `x1, x2` a frame.
-    target: Vec<f64>,
-    unit: f64,
-    intervals: usize,
-    /// Deflections at the inner points of link 2, `intervals - 1` a frame, in `unit`.
-    deflection: Vec<i64>,
-    /// The contact force over time in pieces of `t, f, t, f, ...`.
-    curve: Vec<Vec<f64>>,
-    /// Forces that the plot shows.
-    range: [f64; 2],
-    /// Whether the force goes beyond them.
-    cut: bool,
+/// What the page of runs shows.
+#[derive(Clone, Copy, Debug)]
+pub struct RunsPage<'a> {
+    /// The page's title.
+    pub title: &'a str,
+    /// The runs, at least one.
+    pub cases: &'a [Case<'a>],
+    /// Which of them the page begins with.
+    pub shown: usize,
+    /// Names and facts.
+    pub notes: &'a [(String, String)],
+    /// What the runs were made from: names and facts.
+    pub provenance: &'a [(String, String)],
 }
 
-/// `value` with so many decimals; JSON then has no more digits.
-fn rounded(value: f64, decimals: i32) -> f64 {
-    let scale = 10f64.powi(decimals);
-    let rounded = (value * scale).round() / scale;
-    if rounded.is_finite() { rounded } else { value }
-}
-
-/// Which of a run's shapes the player shows.
-fn frames(run: &Run) -> impl Iterator<Item = usize> {
-    let rows = run.rows.len().div_ceil(SHAPE_STRIDE.max(1));
-    let all = run.shapes.len().min(rows);
-    (0..all).step_by(all.div_ceil(FRAMES_MAX).max(1))
-}
-
-impl Motion {
-    fn new(case: &Case) -> Self {
-        let (plan, run) = (case.plan, case.run);
-        let arm = &plan.model.arm;
-        let shape = deflection_matrix(arm, run.elements, INTERVALS);
-        let mut motion = Self {
-            case: case.title(),
-            plant: case.plant_title(),
-            lengths: [arm.link1_length_m, arm.link2_length_m],
-            normal: plan.surface.normal,
-            path: [plan.task.path.from, plan.task.path.to],
-            reference: plan.task.normal_force.largest(),
-            planned: { case.planned_force().into_iter() }
-                .map(|point| point.map(|x| rounded(x, 4)))
-                .collect(),
-            times: case.times(),
-            t: vec![],
-            angle1: vec![],
-            angle2: vec![],
-            force: vec![],
-            target: vec![],
-            unit: DEFLECTION_UNIT_M,
-            intervals: INTERVALS,
-            deflection: vec![],
-            curve: vec![],
-            range: [0.0; 2],
-            cut: false,
-        };
-        for frame in frames(run) {
-            let row = &run.rows[frame * SHAPE_STRIDE];
-            let seen = row.reading;
-            let numbers = [row.t, seen.angle[0], seen.angle[1], seen.force];
-            if !numbers.iter().all(|x| x.is_finite()) {
-                continue;
-            }
-            motion.t.push(rounded(row.t, 5));
-            motion.angle1.push(rounded(seen.angle[0], 5));
-            motion.angle2.push(rounded(seen.angle[1], 5));
-            motion.force.push(rounded(seen.force, 4));
-            motion
-                .target
-                .extend(row.tip_reference.map(|x| rounded(x, 5)));
-            let nodal = &run.shapes[frame];
-            let bent = shape
-                .as_ref()
-                .filter(|shape| shape.ncols() == nodal.len())
-                .map(|shape| shape * DVector::from_column_slice(nodal));
-            // A conversion to integers makes zero of what is not a number.
-            motion.deflection.extend((1..INTERVALS).map(|i| {
-                bent.as_ref()
-                    .map_or(0, |w| (w[i] / DEFLECTION_UNIT_M).round() as i64)
-            }));
-        }
-        let force: Vec<[f64; 2]> = run.rows.iter().map(|r| [r.t, r.reading.force]).collect();
-        let axis = force_axis(force.iter().map(|p| p[1]), motion.reference, 4);
-        motion.range = axis.range;
-        motion.cut = axis.cut.is_some();
-        motion.curve = decimate(&force, POINTS_MAX)
-            .iter()
-            .map(|piece| {
-                let point = |p: &[f64; 2]| [rounded(p[0], 4), rounded(p[1], 4)];
-                piece.iter().flat_map(point).collect()
-            })
-            .collect();
-        motion
-    }
-}
-
-/// JSON that can stand in a script element: nothing in it can close the element or open
-/// a comment.
-fn script_json<T: Serialize>(value: &T) -> Result<String, serde_json::Error> {
-    let json = serde_json::to_string(value)?;
-    let mut safe = String::with_capacity(json.len());
-    for c in json.chars() {
-        match c {
-            '<' | '>' | '&' | '\u{2028}' | '\u{2029}' => {
-                safe.push_str(&format!("\\u{:04x}", c as u32));
-            }
-            c => safe.push(c),
-        }
-    }
-    Ok(safe)
-}
-
-/// Writes the report of `cases` to `path`: one page with a table of results, a player of
-/// the motions, all figures of [`write_figures`](super::write_figures) and the `notes`,
-/// pairs of a name and a fact. All text is escaped.
+/// Writes the page of runs to `path`: the verdict, a table, the moving arm with all histories, which
+/// share a time, and the figures of [`write_figures`](super::write_figures). All text is escaped.
 ///
-/// The page's fragment chooses what the player shows: `#case=3&t=1.2` is the third case
-/// at 1.2 s.
+/// The page's fragment chooses what is shown: `#case=3&t=1.2` is the third case at 1.2 s;
+/// `from` and `to` zoom, `with` compares with another case, `bend` draws link 2's bending larger.
 ///
 /// # Errors
 /// [`ReportError`].
-pub fn write_html(
-    path: &Path,
-    title: &str,
-    cases: &[Case],
-    notes: &[(String, String)],
-) -> Result<(), ReportError> {
-    page::write(path, "report.html", &values(title, cases, notes, path)?)
+pub fn write_html(path: &Path, content: &RunsPage<'_>) -> Result<(), ReportError> {
+    let explored: Vec<Explored> = content.cases.iter().map(explored).collect();
+    let shown = content.shown.min(explored.len().saturating_sub(1));
+    let values = values(content)?;
+    page::write(path, "report.html", values, Some((&explored, shown)))
 }
 
-/// What the page's template takes; `path` is where it goes.
-fn values(
-    title: &str,
-    cases: &[Case],
-    notes: &[(String, String)],
-    path: &Path,
-) -> Result<Value, ReportError> {
-    let rows: Vec<Row> = cases
-        .iter()
-        .map(|case| {
-            let summary = &case.run.summary;
-            Row {
-                case: case.title(),
-                plant: case.plant_title(),
-                force_rms: number(summary.force_error_rms),
-                force_max: number(summary.force_error_max),
-                tip_rms: number(1e3 * summary.tip_error_rms),
-                tip_max: number(1e3 * summary.tip_error_max),
-                outcome: summary.outcome.name().replace('_', " "),
-                good: summary.outcome == crate::simulation::closed_loop::Outcome::Completed,
-            }
-        })
-        .collect();
-    let figures = page::embedded(figures(cases)?);
-    let motions: Vec<Motion> = cases.iter().map(Motion::new).collect();
-    let data = script_json(&motions).map_err(|error| ReportError::Page {
-        path: path.to_path_buf(),
-        reason: error.to_string(),
-    })?;
+/// What the page's template takes.
+fn values(content: &RunsPage<'_>) -> Result<Value, ReportError> {
+    let rows: Vec<Row> = content.cases.iter().map(row).collect();
+    let stills = page::embedded(figures(content.cases)?);
     Ok(context! {
-        title,
+        title => content.title,
+        verdict => verdict(content.cases),
         rows,
-        notes,
-        figures,
-        data => Value::from_safe_string(data),
+        stills,
+        notes => content.notes,
+        provenance => content.provenance,
     })
 }
 
-/// What the page on gains shows.
-#[derive(Clone, Copy, Debug)]
-pub struct GainsPage<'a> {
-    /// The page's title.
-    pub title: &'a str,
-    /// What to warn of.
-    pub warnings: &'a [String],
-    /// The plants examined, the most important first.
-    pub plants: &'a [&'a Summary],
-    /// The figures' data.
-    pub gains: Gains<'a>,
-    /// Names and facts.
-    pub notes: &'a [(String, String)],
+fn row(case: &Case) -> Row {
+    let summary = &case.run.summary;
+    Row {
+        case: case.title(),
+        plant: case.plant_title(),
+        force_rms: number(summary.force_error_rms),
+        force_max: number(summary.force_error_max),
+        tip_rms: number(1e3 * summary.tip_error_rms),
+        tip_max: number(1e3 * summary.tip_error_max),
+        outcome: case.outcome(),
+        good: completed(case),
+    }
 }
 
-/// Writes the page on gains to `dir`/report.html and its figures beside it as SVG files:
-/// `gains_loci.svg`, `gains_map.svg`, `gains_margins.svg`. All text is escaped, and the
-/// page needs nothing but itself.
-///
-/// # Errors
-/// [`ReportError`].
-pub fn write_gains(dir: &Path, content: &GainsPage<'_>) -> Result<(), ReportError> {
-    let figures = gains::figures(&content.gains)?;
-    page::write_svgs(dir, &figures)?;
-    let rows: Vec<Value> = content
-        .plants
-        .iter()
-        .map(|plant| {
-            context! {
-                name => plant.name,
-                stable => plant.stable,
-                radius => format!("{:.6}", plant.spectral_radius_max),
-                worst_t => format!("{:.3}", plant.worst_t_s),
-                mode => plant.worst_mode,
-                damping => format!("{:.3}", plant.contact_damping_min),
-                gain => format!("{:.1}", plant.gain_margin_db),
-                delay => format!("{:.2}", plant.delay_margin_ticks),
-            }
-        })
-        .collect();
-    let values = context! {
-        title => content.title,
-        warnings => content.warnings,
-        rows,
-        figures => page::embedded(figures),
-        notes => content.notes,
+fn completed(case: &Case) -> bool {
+    case.run.summary.outcome == Outcome::Completed
+}
+
+/// How the runs ended: of one with its errors, of several with the names of those that were not
+/// completed.
+fn verdict(cases: &[Case]) -> Verdict {
+    let good = cases.iter().all(completed);
+    if let [case] = cases {
+        let s = &case.run.summary;
+        let mut text = format!("{}: ", capital(&case.outcome()));
+        if presses(case.plan) {
+            text.push_str(&format!(
+                "contact force off by {} N rms and {} N at most, ",
+                number(s.force_error_rms),
+                number(s.force_error_max)
+            ));
+        }
+        text.push_str(&format!(
+            "tip off by {} mm rms and {} mm at most.",
+            number(1e3 * s.tip_error_rms),
+            number(1e3 * s.tip_error_max)
+        ));
+        return Verdict { good, text };
+    }
+    let of = cases.len();
+    let done = cases.iter().filter(|case| completed(case)).count();
+    let text = match good {
+        true => format!("All {of} runs were completed."),
+        false => {
+            let others = cases.iter().filter(|case| !completed(case));
+            let others = others.map(|case| {
+                format!(
+                    "{} on {}: {}",
+                    case.title(),
+                    case.plant_title(),
+                    case.outcome()
+                )
+            });
+            let others: Vec<String> = others.collect();
+            format!("{done} of {of} runs were completed; {}.", others.join("; "))
+        }
     };
-    page::write(&dir.join("report.html"), "gains.html", &values)
+    Verdict { good, text }
+}
+
+/// `words` with a capital first letter.
+fn capital(words: &str) -> String {
+    let mut letters = words.chars();
+    let first = letters.next().map(|c| c.to_uppercase().to_string());
+    first.unwrap_or_default() + letters.as_str()
+}
+
+/// A case as its page can be looked into.
+fn explored(case: &Case) -> Explored {
+    let (plan, run) = (case.plan, case.run);
+    let step = 1.0 / f64::from(plan.tick_rate_hz);
+    let measured = |panel: Panel, value: &dyn Fn(&LogRow) -> f64| {
+        let points = run.rows.iter().map(|row| [row.t, value(row)]);
+        panel.with("simulated", "0", step, points)
+    };
+    let planned = |panel: Panel, value: &dyn Fn(&crate::planner::plan::PlanPoint) -> f64| {
+        let points = plan.points.iter().map(|point| [point.t, value(point)]);
+        panel.with("planned", "planned", step, points)
+    };
+    let mut panels = vec![];
+    if presses(plan) {
+        let size = plan.task.normal_force.largest().abs().max(0.02);
+        let panel = Panel::new("contact force", "N", 2e-4 * size, [-5.0 * size, 6.0 * size]);
+        let reference = run.rows.iter().map(|row| [row.t, row.force_reference]);
+        let panel = panel.with("planned", "planned", step, reference);
+        panels.push(measured(panel, &|row| row.reading.force));
+    }
+    let reach = plan.model.arm.link1_length_m + plan.model.arm.link2_length_m;
+    let panel = Panel::new("tip error", "mm", 1e-4, [0.0, 2e3 * reach]);
+    panels.push(measured(panel, &|row| 1e3 * row.tip_error()));
+    for (joint, title) in ["torque 1", "torque 2"].into_iter().enumerate() {
+        let limit = 5.0 * plan.peaks.torque[joint].max(0.02);
+        let panel = Panel::new(title, "N m", 1e-3, [-limit, limit]);
+        let panel = planned(panel, &|point| point.torque[joint]);
+        panels.push(measured(panel, &|row| row.torque[joint]));
+    }
+    let panel = Panel::new("root slope", "rad", 1e-4, [-1.6, 1.6]);
+    let panel = planned(panel, &|point| point.root_slope);
+    panels.push(measured(panel, &|row| row.reading.root_slope));
+    Explored {
+        name: format!("{}, {}", case.title(), case.plant_title()),
+        motion: Some(Motion::of_run(plan, run)),
+        panels,
+    }
 }
 
 #[cfg(test)]
@@ -276,8 +179,16 @@ mod tests {
     use super::*;
 
     fn page(title: &str, cases: &[Case], notes: &[(String, String)]) -> String {
-        let values = values(title, cases, notes, Path::new("report.html")).unwrap();
-        crate::report::page::render("report.html", &values).unwrap()
+        let content = RunsPage {
+            title,
+            cases,
+            shown: 0,
+            notes,
+            provenance: notes,
+        };
+        let explored: Vec<Explored> = cases.iter().map(explored).collect();
+        let values = values(&content).unwrap();
+        crate::report::page::render("report.html", values, Some((&explored, 0))).unwrap()
     }
 
     use crate::report::testing::short_run;
@@ -299,16 +210,21 @@ mod tests {
         };
         let notes = [("Plan time".to_owned(), "0.4 s".to_owned())];
         let page = page("Report", &[case], &notes);
+        // The charts' licence names where they come from; nothing is loaded from there.
+        let page = page.replacen("https://github.com/leeoniya/uPlot", "", 1);
+        assert!(page.contains("Copyright (c) 2022 Leon Sorokin"));
+        let own = page.replace("href=\"#", "");
         for outside in [
             "http:", "https:", "src=", "href=", "url(", "@import", "<link", "fetch(", "import(",
         ] {
-            assert!(!page.contains(outside), "the page contains {outside}");
+            assert!(!own.contains(outside), "the page contains {outside}");
         }
         // Without scripts: table, notes and figures stand in the page itself.
         let still = page.split("<script").next().unwrap();
         assert_eq!(still.matches("<figure ").count(), 3);
         assert_eq!(still.matches("<svg ").count(), 3);
-        assert!(still.contains("<td>proposed</td>"));
+        assert!(still.contains(">Completed: contact force off by "));
+        assert!(still.contains(r##"<a href="#case=1">proposed</a>"##));
         assert!(still.contains(">completed</td>"));
         assert!(still.contains(r#"<th scope="row">Plan time</th><td>0.4 s</td>"#));
     }
@@ -328,47 +244,37 @@ mod tests {
         assert!(!page.contains("alert(1)</script>") && !page.contains("<script>alert"));
         assert!(page.contains("&lt;script&gt;alert(1)"));
         assert!(!page.contains("<!--"));
-        // The template's two scripts and no others.
-        assert_eq!(page.matches("<script").count(), 2);
-        assert_eq!(page.matches("</script").count(), 2);
+        // The data, the charts and the page's own script, and no others.
+        assert_eq!(page.matches("<script").count(), 3);
+        assert_eq!(page.matches("</script").count(), 3);
         let data = between(
             &page,
             r#"<script id="data" type="application/json">"#,
             "</script>",
         );
         let data: serde_json::Value = serde_json::from_str(data).unwrap();
-        assert_eq!(data[0]["case"], hostile);
+        assert_eq!(data["cases"][0]["name"], format!("{hostile}, {hostile}"));
     }
 
     #[test]
-    fn the_players_data_are_the_run() {
+    fn a_verdict_names_what_was_not_completed() {
         let (plan, run) = short_run();
-        let case = Case {
-            case: "c",
-            plant: "p",
+        let mut off = run.clone();
+        off.summary.outcome = Outcome::TipOffPath;
+        let case = |plant, run| Case {
+            case: "a_b",
+            plant,
             plan: &plan,
-            run: &run,
+            run,
         };
-        let motion = Motion::new(&case);
-        assert_eq!(motion.t.len(), run.shapes.len());
-        assert_eq!(motion.deflection.len(), motion.t.len() * (INTERVALS - 1));
-        let last = motion.t.len() - 1;
-        let row = &run.rows[last * SHAPE_STRIDE];
-        assert!((motion.t[last] - row.t).abs() < 1e-5);
-        assert!((motion.force[last] - row.reading.force).abs() < 1e-4);
-        // In three elements the node at a third of the link has number 1 in the shape; an
-        // intermediate point of the outline lies near it.
-        let node = run.shapes[last][1] / DEFLECTION_UNIT_M;
-        let at = (INTERVALS - 1) * last + INTERVALS / 3 - 1;
-        let (low, high) = (
-            motion.deflection[at] as f64,
-            motion.deflection[at + 1] as f64,
+        let good = verdict(&[case("p", &run), case("q", &run)]);
+        assert_eq!(
+            (good.good, &good.text[..]),
+            (true, "All 2 runs were completed.")
         );
-        assert!(
-            low.min(high) - 1.0 <= node && node <= low.max(high) + 1.0,
-            "{low} {node} {high}"
-        );
-        assert!(node.abs() > 100.0, "the link is straight");
+        let bad = verdict(&[case("p", &run), case("q_x", &off)]);
+        let text = "1 of 2 runs were completed; a b on q x: tip off path.";
+        assert_eq!((bad.good, &bad.text[..]), (false, text));
     }
 
     #[test]
@@ -392,8 +298,16 @@ mod tests {
             };
             assert!(page("t", &[case], &[]).contains("</html>"));
         }
+        let nothing = RunsPage {
+            title: "t",
+            cases: &[],
+            shown: 0,
+            notes: &[],
+            provenance: &[],
+        };
+        let path = Path::new("report.html");
         assert!(matches!(
-            values("t", &[], &[], Path::new("report.html")),
+            write_html(path, &nothing),
             Err(ReportError::NoCases)
         ));
     }
@@ -408,7 +322,14 @@ mod tests {
             run: &run,
         };
         let folder = std::env::temp_dir();
-        let error = write_html(&folder, "t", &[case], &[]).unwrap_err();
+        let content = RunsPage {
+            title: "t",
+            cases: &[case],
+            shown: 3,
+            notes: &[],
+            provenance: &[],
+        };
+        let error = write_html(&folder, &content).unwrap_err();
         let text = error.to_string();
         assert!(text.contains(&*folder.to_string_lossy()), "{text}");
     }

@@ -1,5 +1,5 @@
-//! Reports of simulated runs: figures as SVG files and one self-contained HTML page
-//! with the figures, a table of results and a player of the arm's motion.
+//! Reports: figures as SVG files, and one self-contained HTML page with a verdict, tables, and
+//! histories that share their time with a moving arm.
 //!
 //! Glossary: a *case* is a controller with its start, e.g. `feedforward`; a *plant* is
 //! the simulated arm it ran on, e.g. `stiffness_x0.9`.
@@ -11,20 +11,27 @@ mod accuracy;
 #[cfg(feature = "campaign")]
 mod campaign;
 mod figures;
+mod gains;
 mod html;
+mod motion;
 mod page;
+mod plan;
+mod series;
 
 use crate::planner::plan::Plan;
 use crate::planner::tip_force::NormalForce;
 use crate::simulation::closed_loop::Run;
 use std::path::{Path, PathBuf};
 
-pub use accuracy::write_accuracy;
+pub use accuracy::{AccuracyPage, write_accuracy};
 #[cfg(feature = "campaign")]
 pub use campaign::{CampaignPage, write_campaign};
 pub use figures::gains::Gains;
 pub use figures::write_figures;
-pub use html::{GainsPage, write_gains, write_html};
+pub use gains::{GainsPage, write_gains};
+pub use html::{RunsPage, write_html};
+pub use page::Verdict;
+pub use plan::{PlanPage, write_plan};
 
 /// One simulated case for the report.
 #[derive(Clone, Copy, Debug)]
@@ -48,6 +55,11 @@ impl Case<'_> {
     /// Name of the plant for readers.
     fn plant_title(&self) -> String {
         self.plant.replace('_', " ")
+    }
+
+    /// How it ended, for readers.
+    fn outcome(&self) -> String {
+        self.run.summary.outcome.name().replace('_', " ")
     }
 
     /// First and last time of the plan, s.

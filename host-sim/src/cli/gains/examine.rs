@@ -7,6 +7,7 @@ use crate::analysis::stability::linear::{Linear, OperatingPoint};
 use crate::analysis::stability::map::GainId;
 use crate::analysis::stability::path::Report;
 use crate::analysis::stability::printed::Printed;
+use crate::cli::provenance::with_timing;
 use crate::cli::{CliError, Output, print, print_facts, progress_bar, say};
 use crate::files::export;
 use clap::{Args, ValueEnum};
@@ -177,7 +178,6 @@ pub(super) fn examine(args: &ExamineArgs) -> Result<(), CliError> {
 
     let mut facts = law_facts(law);
     facts.extend(report_facts(&report, plan.tick_rate_hz));
-    facts.push(("examined in".into(), format!("{wall_ms:.0} ms")));
     let map_of = [args.map[0].gain(), args.map[1].gain()];
     let place = write_page(&setting, law, &report, map_of, &warnings, &facts, &output)?;
 
@@ -190,19 +190,20 @@ pub(super) fn examine(args: &ExamineArgs) -> Result<(), CliError> {
         ("at_s", json!(args.at)),
         ("linearisation", json!(args.linearisation.name())),
         ("poles_per_s", pairs(&poles)),
-        ("wall_ms", json!(wall_ms)),
-        ("plan_ms", json!(setting.planned.plan_ms)),
     ]));
-    let summary = Value::Object(summary);
+    let summary = setting.made.clone().gains(&(*law).into()).summary(summary);
     output.json("summary.json", &summary)?;
     output.commit()?;
     for word in &warnings {
         say(format_args!("warning: {word}"));
     }
     if args.plants.common.json {
-        return print(&summary);
+        let mut timing = setting.planned.timing();
+        timing.insert("wall_ms".into(), json!(wall_ms));
+        return print(with_timing(&summary, timing));
     }
     print_facts(&facts)?;
+    print_facts(&[("examined in".into(), format!("{wall_ms:.0} ms"))])?;
     print_poles(args, &poles)?;
     print(format_args!("\n{place}"))
 }

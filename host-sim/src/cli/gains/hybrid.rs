@@ -7,8 +7,10 @@ use crate::analysis::hybrid::sets::digits;
 use crate::analysis::hybrid::{Effort, HybridError, LoopPose, LoopSpread, Proof, poses};
 use crate::campaign::distribution::Distribution;
 use crate::campaign::engine::Campaign;
+use crate::campaign::scenario::Scenario;
 use crate::cli::bench::Bench;
 use crate::cli::own_gains::{DESIGN_POSES, designed, law_json, origin, to_be_held, verdict};
+use crate::cli::provenance::{Provenance, with_timing};
 use crate::cli::{CliError, Output, print, print_facts, progress_bar};
 use crate::files::{config, export};
 use flexor::control::{HybridParameters, LawParameters};
@@ -66,9 +68,14 @@ pub(super) fn examine(args: &PlantArgs, out: &Path) -> Result<(), CliError> {
     let since = Instant::now();
     let proof = setting.prove(&law, args.points as usize, true)?;
     let wall_ms = since.elapsed().as_secs_f64() * 1e3;
-    let keys = export::object([("wall_ms", json!(wall_ms))]);
-    let facts = vec![("examined in".into(), format!("{wall_ms:.0} ms"))];
-    setting.report(output, &law, &proof, (keys, facts), args.common.json)
+    let told = Told {
+        keys: Map::new(),
+        facts: vec![],
+        timing: ("wall_ms", wall_ms),
+        took: ("examined in".into(), format!("{wall_ms:.0} ms")),
+        json: args.common.json,
+    };
+    setting.report(output, &law, &proof, told)
 }
 
 /// `flexor gains design`: gains for the arm at hand.
@@ -80,7 +87,6 @@ pub(super) fn design_command(args: &PlantArgs, out: &Path) -> Result<(), CliErro
     let design_ms = since.elapsed().as_secs_f64() * 1e3;
     let proof = setting.prove(&found.law, args.points as usize, true)?;
     let keys = export::object([
-        ("design_ms", json!(design_ms)),
         ("laws_tried", json!(found.tried)),
         ("predicted_force_rms_N", json!(found.force_rms_n)),
     ]);
@@ -89,13 +95,17 @@ pub(super) fn design_command(args: &PlantArgs, out: &Path) -> Result<(), CliErro
             "predicted force".into(),
             format!("{:.4} N rms over the spread's ends", found.force_rms_n),
         ),
-        (
-            "found in".into(),
-            format!("{design_ms:.0} ms, {} sets tried", found.tried),
-        ),
+        ("tried".into(), format!("{} sets", found.tried)),
     ];
     setting.write_law(&output, &found.law)?;
-    setting.report(output, &found.law, &proof, (keys, facts), args.common.json)
+    let told = Told {
+        keys,
+        facts,
+        timing: ("design_ms", design_ms),
+        took: ("found in".into(), format!("{design_ms:.0} ms")),
+        json: args.common.json,
+    };
+    setting.report(output, &found.law, &proof, told)
 }
 
 /// `flexor gains tune`: as design, with a longer search, and the best of what was found improved on
@@ -104,20 +114,7 @@ pub(super) fn tune_command(args: &PlantArgs, seed: u64, out: &Path) -> Result<()
     let output = Output::open(out, args.hybrid_inputs())?;
     let mut setting = args.hybrid_setting()?;
     if args.scenario.scenario.is_none() && args.scenario.set.is_empty() {
-        // The bench's own noise and spread, without the files that its scenario names.
-        let (name, text) = ("bench.toml", BENCH_SCENARIO);
-        let mut own = config::parse_scenario(name, text)?.scenario;
-        let root = setting.spread.root_inertia_kgm2;
-        for (key, distribution) in &mut own.numbers {
-            if key.name == "plant.root_inertia_kgm2" {
-                *distribution = match root {
-                    [low, high] if low > 0.0 && high > low => Distribution::LogUniform(root),
-                    [low, high] if high > low => Distribution::Uniform([low, high]),
-                    [low, _] => Distribution::Fixed(low),
-                };
-            }
-        }
-        setting.bench.config.scenario = own;
+        setting.bench.config.scenario = own_scenario(setting.spread.root_inertia_kgm2)?;
     }
     let since = Instant::now();
     let plan = &setting.bench.planned.plan;
@@ -142,7 +139,6 @@ pub(super) fn tune_command(args: &PlantArgs, seed: u64, out: &Path) -> Result<()
     let wall_ms = since.elapsed().as_secs_f64() * 1e3;
     let proof = setting.prove(&law, args.points as usize, true)?;
     let keys = export::object([
-        ("wall_ms", json!(wall_ms)),
         ("seed", json!(seed)),
         ("bench_runs_a_set", json!(BENCH_RUNS)),
         ("bench_failed", json!(score.failed)),
@@ -160,15 +156,47 @@ pub(super) fn tune_command(args: &PlantArgs, seed: u64, out: &Path) -> Result<()
             ),
         ),
         (
-            "tuned in".into(),
-            format!(
-                "{:.1} s, {tried} sets on the bench, seed {seed}",
-                wall_ms / 1e3
-            ),
+            "tried".into(),
+            format!("{tried} sets on the bench, seed {seed}"),
         ),
     ];
     setting.write_law(&output, &law)?;
-    setting.report(output, &law, &proof, (keys, facts), args.common.json)
+    let told = Told {
+        keys,
+        facts,
+        timing: ("wall_ms", wall_ms),
+        took: ("tuned in".into(), format!("{:.1} s", wall_ms / 1e3)),
+        json: args.common.json,
+    };
+    setting.report(output, &law, &proof, told)
+}
+
+/// What a command has to tell besides gains and proof.
+struct Told {
+    keys: Map<String, Value>,
+    facts: Vec<(String, String)>,
+    /// How long it took: a key and ms.
+    timing: (&'static str, f64),
+    /// The same for a reader.
+    took: (String, String),
+    /// Whether JSON is printed.
+    json: bool,
+}
+
+/// The bench's own noise and spread, without the files that its scenario names, with this range of
+/// root inertias, kg m^2.
+fn own_scenario(root: [f64; 2]) -> Result<Scenario, CliError> {
+    let mut own = config::parse_scenario("bench.toml", BENCH_SCENARIO)?.scenario;
+    for (key, distribution) in &mut own.numbers {
+        if key.name == "plant.root_inertia_kgm2" {
+            *distribution = match root {
+                [low, high] if low > 0.0 && high > low => Distribution::LogUniform(root),
+                [low, high] if high > low => Distribution::Uniform([low, high]),
+                [low, _] => Distribution::Fixed(low),
+            };
+        }
+    }
+    Ok(own)
 }
 
 /// The spread that gains are tuned on where no scenario is named.
@@ -355,13 +383,13 @@ impl Setting {
         output: Output,
         law: &HybridParameters,
         proof: &Proof,
-        (keys, facts): (Map<String, Value>, Vec<(String, String)>),
-        json: bool,
+        told: Told,
     ) -> Result<(), CliError> {
         let mut summary = proof_json(proof, &self.spread);
         summary.insert("gains".into(), law_json(law));
-        summary.extend(keys);
-        let summary = Value::Object(summary);
+        summary.extend(told.keys);
+        let made = Provenance::of_inputs(&self.bench.inputs).gains(&(*law).into());
+        let summary = made.summary(summary);
         output.write("proof.csv", |w| proof_csv(proof, w))?;
         output.json("summary.json", &summary)?;
         let place = output.folder().display().to_string();
@@ -369,13 +397,16 @@ impl Setting {
         // Also of gains that were just found: they were found at fewer poses.
         let refused =
             verdict(proof, &self.spread).map_or(Ok(()), |why| Err(CliError::Unproven { why }));
-        if json {
-            print(&summary)?;
+        if told.json {
+            let mut timing = self.bench.planned.timing();
+            timing.insert(told.timing.0.into(), json!(told.timing.1));
+            print(with_timing(&summary, timing))?;
             return refused;
         }
         let mut all = law_facts(law);
         all.extend(proof_facts(proof, &self.spread));
-        all.extend(facts);
+        all.extend(told.facts);
+        all.push(told.took);
         print_facts(&all)?;
         print(format_args!("\nproof.csv and summary.json are in {place}"))?;
         refused

@@ -7,6 +7,7 @@ mod tune;
 
 use super::bench::ScenarioArgs;
 use super::plan::Planned;
+use super::provenance::Provenance;
 use super::{CliError, Common, Output, controller, pages, paper_law, say};
 use crate::analysis::stability::advice::{advice, warning};
 use crate::analysis::stability::map::GainId;
@@ -93,6 +94,8 @@ struct Setting {
     plant: PlantParameters,
     spread: Spread,
     planned: Planned,
+    /// What it is made from.
+    made: Provenance,
 }
 
 impl Setting {
@@ -144,11 +147,22 @@ impl PlantArgs {
             config::parse_spread,
         )?;
         let planned = self.common.plan(&arm, &task)?;
+        let made = Provenance::of(&self.common)?
+            .profile(&task)
+            .file(
+                "controller",
+                self.controller.as_deref(),
+                config::PAPER_CONTROLLER,
+            )?
+            .file("plant", self.plant.as_deref(), "")?
+            .file("spread", self.spread.as_deref(), config::DEFAULT_SPREAD)?
+            .plant(&plant);
         Ok(Setting {
             law,
             plant,
             spread,
             planned,
+            made,
         })
     }
 }
@@ -278,6 +292,7 @@ fn write_page(
         map_of,
         warnings,
         facts,
+        provenance: &setting.made.clone().gains(&(*law).into()).facts(),
     };
     pages::gains(output, &page)
 }

@@ -6,6 +6,7 @@ use super::{
 use crate::analysis::stability::map::GainId;
 use crate::analysis::stability::path::{DELAY_MARGIN_MAX_TICKS, GAIN_MARGIN_MAX_DB, Summary};
 use crate::analysis::stability::tune::{self, TuneOptions, Tuned};
+use crate::cli::provenance::with_timing;
 use crate::cli::{CliError, Output, print, print_facts, progress_bar};
 use crate::files::{config, export};
 use clap::Args;
@@ -96,30 +97,25 @@ pub(super) fn tune_command(args: &TuneArgs) -> Result<(), CliError> {
     let mut facts = law_facts(law);
     facts.extend(report_facts(report, plan.tick_rate_hz));
     facts.extend(tuned_facts(&tuned));
-    facts.push((
-        "tuned in".into(),
-        format!(
-            "{:.1} s, {} laws tried, seed {}",
-            wall_ms / 1e3,
-            tuned.tried,
-            args.seed
-        ),
-    ));
+    let tried = format!("{} laws, seed {}", tuned.tried, args.seed);
+    facts.push(("tried".into(), tried));
     let file = config::controller_toml(&(*law).into(), &origin(args, &setting, &tuned));
     output.write("controller.toml", |w| w.write_all(file.as_bytes()))?;
     let map_of = [GainId::ForceIntegral, GainId::SlopeRate];
     let warnings = warnings(&setting, law, report)?;
     write_page(&setting, law, report, map_of, &warnings, &facts, &output)?;
 
-    let mut summary = tuned_json(&tuned, args.seed);
-    summary.insert("wall_ms".into(), json!(wall_ms));
-    let summary = Value::Object(summary);
+    let made = setting.made.clone().gains(&(*law).into());
+    let summary = made.summary(tuned_json(&tuned, args.seed));
     output.json("summary.json", &summary)?;
     output.commit()?;
     if args.plants.common.json {
-        return print(&summary);
+        let mut timing = setting.planned.timing();
+        timing.insert("wall_ms".into(), json!(wall_ms));
+        return print(with_timing(&summary, timing));
     }
     print_facts(&facts)?;
+    print_facts(&[("tuned in".into(), format!("{:.1} s", wall_ms / 1e3))])?;
     let files = match cfg!(feature = "report") {
         true => "controller.toml and report.html are",
         false => "controller.toml is",

@@ -3,8 +3,8 @@
 
 use super::axis::Axis;
 use super::plot::{
-    BLUE, Curve, Figure, INK, LEFT, Panel, TITLE, VERMILLION, draw_panels, panels_height, render,
-    text, units,
+    BLUE, Curve, Figure, GREEN, INK, LEFT, Panel, TITLE, draw_panels, panels_height, render, text,
+    units,
 };
 use crate::analysis::fixed_point::accuracy::Accuracy;
 use crate::report::ReportError;
@@ -16,7 +16,7 @@ const BINS: usize = 8;
 const DECADES: [f64; 2] = [-10.0, -4.0];
 
 /// A colour a number type.
-const COLOURS: [plotters::style::RGBColor; 2] = [VERMILLION, BLUE];
+const COLOURS: [plotters::style::RGBColor; 2] = [BLUE, GREEN];
 
 /// Both figures.
 pub(crate) fn accuracy_figures(accuracies: &[Accuracy]) -> Result<Vec<Figure>, ReportError> {

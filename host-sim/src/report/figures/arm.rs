@@ -2,13 +2,13 @@
 
 use super::axis::Axis;
 use super::plot::{
-    Area, BLUE, Drawn, Figure, INK, LEFT, RIGHT, SOFT, TEXT, TIME_LABELS, VERMILLION, WIDTH, chart,
+    Area, BLUE, Drawn, Figure, INK, LEFT, LINK1, RIGHT, SOFT, TEXT, TIME_LABELS, WIDTH, chart,
     draw_axes, line, render, text, text_width, units,
 };
 use crate::model::arm_model::deflection_matrix;
-use crate::planner::plan::PlanPoint;
+use crate::planner::plan::{Plan, PlanPoint};
 use crate::planner::task::Travel;
-use crate::report::{Case, ReportError};
+use crate::report::ReportError;
 use nalgebra::{DMatrix, DVector};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -23,8 +23,7 @@ pub(super) const POSTURES: usize = 11;
 const OUTLINE_INTERVALS: usize = 40;
 
 /// Link 2 of the plan at a tick, as points from joint 2 to the tip, m.
-fn planned_outline(case: &Case, shape: &DMatrix<f64>, tick: usize) -> Vec<Point> {
-    let plan = case.plan;
+fn planned_outline(plan: &Plan, shape: &DMatrix<f64>, tick: usize) -> Vec<Point> {
     let (arm, dof) = (&plan.model.arm, plan.model.dof());
     let [angle1, angle2] = plan.points[tick].joint.angle;
     let nodal = plan.deflection.get(dof * tick..dof * (tick + 1));
@@ -47,10 +46,9 @@ fn planned_outline(case: &Case, shape: &DMatrix<f64>, tick: usize) -> Vec<Point>
 
 /// Planned configurations at equal distances of the tip along the path of a case, or of the joints
 /// along their ways.
-fn configurations(case: &Case) -> Vec<Vec<Point>> {
-    let plan = case.plan;
+fn configurations(plan: &Plan) -> Vec<Vec<Point>> {
     let path = &plan.task.path;
-    let along = along(case);
+    let along = along(plan);
     let travelled = |point: &PlanPoint| match plan.task.travel {
         Travel::Line => {
             let tip = point.tip.position;
@@ -71,25 +69,25 @@ fn configurations(case: &Case) -> Vec<Vec<Point>> {
     let shape = deflection_matrix(&plan.model.arm, plan.model.elements, OUTLINE_INTERVALS)
         .unwrap_or_else(|| DMatrix::zeros(OUTLINE_INTERVALS + 1, plan.model.dof()));
     ticks
-        .map(|tick| planned_outline(case, &shape, tick))
+        .map(|tick| planned_outline(plan, &shape, tick))
         .filter(|points| !points.is_empty())
         .collect()
 }
 
 /// Unit vector from the path's start to its end.
-fn along(case: &Case) -> [f64; 2] {
-    let path = &case.plan.task.path;
+fn along(plan: &Plan) -> [f64; 2] {
+    let path = &plan.task.path;
     [0, 1].map(|i| (path.to[i] - path.from[i]) / path.length())
 }
 
 /// Both links' lengths, m.
-fn reach(case: &Case) -> f64 {
-    case.plan.model.arm.link1_length_m + case.plan.model.arm.link2_length_m
+fn reach(plan: &Plan) -> f64 {
+    plan.model.arm.link1_length_m + plan.model.arm.link2_length_m
 }
 
 /// The surface, somewhat longer than the path.
-fn surface(case: &Case) -> [Point; 2] {
-    let (path, along) = (&case.plan.task.path, along(case));
+fn surface(plan: &Plan) -> [Point; 2] {
+    let (path, along) = (&plan.task.path, along(plan));
     let beyond = BEYOND * path.length();
     [(path.from, -beyond), (path.to, beyond)]
         .map(|(end, by)| (end[0] + by * along[0], end[1] + by * along[1]))
@@ -99,10 +97,10 @@ fn surface(case: &Case) -> [Point; 2] {
 const BEYOND: f64 = 0.08;
 
 /// Lines of the hatching behind the surface, in a figure of `scale` pixels a metre.
-fn hatching(case: &Case, surface: &[Point; 2], scale: f64) -> impl Iterator<Item = Vec<Point>> {
-    let (along, normal) = (along(case), case.plan.surface.normal);
-    let depth = 0.024 * reach(case);
-    let length = case.plan.task.path.length();
+fn hatching(plan: &Plan, surface: &[Point; 2], scale: f64) -> impl Iterator<Item = Vec<Point>> {
+    let (along, normal) = (along(plan), plan.surface.normal);
+    let depth = 0.024 * reach(plan);
+    let length = plan.task.path.length();
     let from = surface[0];
     (0..)
         .map(move |i| 9.0 * f64::from(i) / scale)
@@ -128,9 +126,9 @@ struct Label {
 
 /// Words at the path's ends and joint 1. They go where the arm does not come from: beyond
 /// the surface, or before it.
-fn labels(case: &Case, configurations: &[Vec<Point>]) -> [Label; 3] {
-    let (path, normal) = (&case.plan.task.path, case.plan.surface.normal);
-    let reach = reach(case);
+fn labels(plan: &Plan, configurations: &[Vec<Point>]) -> [Label; 3] {
+    let (path, normal) = (&plan.task.path, plan.surface.normal);
+    let reach = reach(plan);
     let joint2 = configurations
         .first()
         .map_or((0.0, 0.0), |points| points[0]);
@@ -187,19 +185,21 @@ fn axes<'p>(points: impl Iterator<Item = &'p Point>, reach: f64) -> ([Axis; 2], 
 }
 
 /// What the colours mean.
-fn draw_legend(head: &Area<'_>) -> Drawn {
+fn draw_legend(head: &Area<'_>, pressed: bool) -> Drawn {
     let middle = units(HEAD - 14.0);
     let mut at = LEFT;
     let entries = [
-        ("link 1", BLUE, 2.5),
-        ("link 2, elastic", VERMILLION, 2.5),
+        ("link 1", LINK1, 2.5),
+        ("link 2, elastic", BLUE, 2.5),
         ("surface", INK, 2.0),
     ];
+    // A move through the air has none.
+    let shown = if pressed { 3 } else { 2 };
     let style = text(TEXT, &INK).pos(Pos::new(HPos::Left, VPos::Center));
-    for (label, colour, px) in entries {
+    for (label, colour, px) in &entries[..shown] {
         head.draw(&PathElement::new(
             vec![(units(at), middle), (units(at + 20.0), middle)],
-            line(colour, px),
+            line(*colour, *px),
         ))?;
         head.draw_text(label, &style, (units(at + 26.0), middle))?;
         at += 26.0 + text_width(label, TEXT) + 18.0;
@@ -211,26 +211,26 @@ fn draw_legend(head: &Area<'_>) -> Drawn {
 const HEAD: f64 = 34.0;
 
 /// The arm's planned configurations along the path of a case, at equal distances of the tip.
-pub(super) fn stick_figure(case: &Case) -> Result<Figure, ReportError> {
+pub(super) fn stick_figure(plan: &Plan) -> Result<Figure, ReportError> {
     let name = "stick_figure";
     let joint1 = (0.0, 0.0);
-    let configurations = configurations(case);
-    // A move through the air has none.
-    let surface = match case.plan.task.travel {
-        Travel::Line => Some(surface(case)),
+    let configurations = configurations(plan);
+    let surface = match plan.task.travel {
+        Travel::Line => Some(surface(plan)),
         Travel::Joints(_) => None,
     };
-    let labels = labels(case, &configurations);
+    let pressed = surface.is_some();
+    let labels = labels(plan, &configurations);
     let everything = configurations
         .iter()
         .flatten()
         .chain(surface.iter().flatten())
         .chain(labels.iter().map(|label| &label.end))
         .chain([&joint1]);
-    let ([across, down], scale, height) = axes(everything, reach(case));
+    let ([across, down], scale, height) = axes(everything, reach(plan));
     let svg = render(name, height + HEAD + TIME_LABELS, |area| {
         let (head, body) = area.split_vertically(units(HEAD));
-        draw_legend(&head)?;
+        draw_legend(&head, surface.is_some())?;
         let mut chart = chart(&body, [&across, &down])?;
         draw_axes(
             &mut chart,
@@ -238,7 +238,7 @@ pub(super) fn stick_figure(case: &Case) -> Result<Figure, ReportError> {
             ["along a1 (m)", "along a2, downwards (m)"],
         )?;
         if let Some(surface) = &surface {
-            let hatching = hatching(case, surface, scale);
+            let hatching = hatching(plan, surface, scale);
             chart.draw_series(hatching.map(|points| PathElement::new(points, line(SOFT, 0.8))))?;
             chart.draw_series([PathElement::new(surface.to_vec(), line(INK, 2.0))])?;
         }
@@ -247,8 +247,8 @@ pub(super) fn stick_figure(case: &Case) -> Result<Figure, ReportError> {
             let px = if end { 3.0 } else { 1.2 };
             let (joint2, tip) = (points[0], points[points.len() - 1]);
             chart.draw_series([
-                PathElement::new(vec![joint1, joint2], line(BLUE, px)),
-                PathElement::new(points.clone(), line(VERMILLION, px)),
+                PathElement::new(vec![joint1, joint2], line(LINK1, px)),
+                PathElement::new(points.clone(), line(BLUE, px)),
             ])?;
             let radius = if end { 4.0 } else { 2.5 };
             chart.draw_series([
@@ -270,8 +270,13 @@ pub(super) fn stick_figure(case: &Case) -> Result<Figure, ReportError> {
     Ok(Figure {
         name: name.into(),
         caption: format!(
-            "Planned configurations of the arm at {} equally spaced points of the path, link 2 as bent as it is. Start and end are drawn bold; a2 points down.",
-            configurations.len()
+            "Planned configurations of the arm at {} equally spaced points of {}, link 2 as bent as it is. Start and end are drawn bold; a2 points down.",
+            configurations.len(),
+            if pressed {
+                "the path"
+            } else {
+                "the joints\u{2019} ways"
+            }
         ),
         svg,
     })

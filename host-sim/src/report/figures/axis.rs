@@ -1,6 +1,7 @@
 //! Axes and the numbers along them: ranges, ticks and labels; curves cut and thinned out for
 //! them.
 
+pub(in crate::report) use crate::text::three_digits as number;
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 
 /// At most `points_max` (4 or more) of `points` that keep the least and the greatest
@@ -246,23 +247,6 @@ impl ValueFormatter<f64> for Axis {
     }
 }
 
-/// A number for a label: three significant digits.
-pub(in crate::report) fn number(value: f64) -> String {
-    if value == 0.0 {
-        return "0".into();
-    }
-    if !value.is_finite() {
-        return "not finite".into();
-    }
-    let magnitude = value.abs().log10().floor();
-    let text = if (-3.0..5.0).contains(&magnitude) {
-        format!("{value:.*}", (2.0 - magnitude).clamp(0.0, 6.0) as usize)
-    } else {
-        format!("{value:.2e}")
-    };
-    text.replace('-', "\u{2212}")
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::cases::force_axis;
@@ -363,20 +347,5 @@ mod tests {
             ["0.01", "0.1", "1", "10", "100"]
         );
         assert_eq!(Axis::fine_decades(wide), Axis::decades(wide));
-    }
-
-    #[test]
-    fn numbers_have_three_digits() {
-        let texts = [0.0, 1.2345, -0.012345, 123.45, 1.5e-5, 1e9, f64::NAN].map(number);
-        let wanted = [
-            "0",
-            "1.23",
-            "\u{2212}0.0123",
-            "123",
-            "1.50e\u{2212}5",
-            "1.00e9",
-            "not finite",
-        ];
-        assert_eq!(texts, wanted);
     }
 }

@@ -2,8 +2,8 @@
 
 use super::axis::Axis;
 use super::plot::{
-    BLUE, Curve, Figure, INK, LEFT, PALETTE, Panel, TIME, TITLE, VERMILLION, draw_panels,
-    panels_height, render, shortened, text, units,
+    BLUE, Curve, Figure, GREEN, INK, LEFT, PALETTE, Panel, TIME, TITLE, draw_panels, panels_height,
+    render, shortened, text, units,
 };
 use crate::report::{Case, ReportError};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -36,11 +36,7 @@ fn resting(case: &Case) -> Vec<[f64; 2]> {
 
 /// Axis for contact forces: it spans at least a twentieth of the reference, and five
 /// times the reference to either side at most.
-pub(in crate::report) fn force_axis(
-    values: impl Iterator<Item = f64>,
-    reference: f64,
-    ticks: usize,
-) -> Axis {
+pub(super) fn force_axis(values: impl Iterator<Item = f64>, reference: f64, ticks: usize) -> Axis {
     let size = reference.abs().max(0.02);
     let limits = [reference - 5.0 * size, reference + 5.0 * size];
     Axis::new(
@@ -68,7 +64,7 @@ fn history_panels(case: &Case) -> [Panel; 4] {
     let error_axis = Axis::new(error.values(), 0.01, [0.0, 2e3 * reach], TICKS);
 
     let torques = [0, 1].map(|joint| {
-        let colour = [BLUE, VERMILLION][joint];
+        let colour = [BLUE, GREEN][joint];
         let label = ["joint 1 (left axis)", "joint 2 (right axis)"][joint];
         let curve = Curve::simulated(label, colour, rows, |r| r.torque[joint]);
         let limit = 5.0 * plan.peaks.torque[joint].max(0.02);

@@ -26,6 +26,8 @@ pub(super) const GREEN: RGBColor = RGBColor(0x00, 0x9E, 0x73);
 pub(super) const PURPLE: RGBColor = RGBColor(0xCC, 0x79, 0xA7);
 pub(super) const ORANGE: RGBColor = RGBColor(0xE6, 0x9F, 0x00);
 pub(super) const SKY: RGBColor = RGBColor(0x56, 0xB4, 0xE9);
+/// Link 1, as on the pages.
+pub(super) const LINK1: RGBColor = RGBColor(0x7A, 0x7F, 0x85);
 pub(super) const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
 pub(super) const SOFT: RGBColor = RGBColor(0x66, 0x66, 0x66);
 /// A planned quantity, drawn wide below the simulated one.
