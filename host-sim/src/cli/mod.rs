@@ -25,6 +25,8 @@ mod pil;
 mod plan;
 mod run;
 mod signals;
+#[cfg(feature = "target")]
+mod virtual_board;
 
 #[cfg(feature = "target")]
 use self::error::BoardError;
@@ -100,6 +102,13 @@ enum Command {
         after_help = "Example: flexor board sensors --port /dev/ttyUSB0 --follow\n\nWithout --port the image in QEMU, whose stop reads as pressed. The firmware's log goes to standard error. Exit codes: 0 done; 1 refused, failed, or stopped before the table's end; 2 command line, port or image at fault."
     )]
     Board(board::BoardArgs),
+    #[cfg(feature = "target")]
+    /// A board before a simulated arm, for `flexor board` and other programs: the firmware's own
+    /// supervisor and answers, on a pseudo-terminal or on TCP. Prints where, and runs until Ctrl-C.
+    #[command(
+        after_help = "Example: flexor virtual-board --scenario examples/scenarios/approach.toml --listen 127.0.0.1:7070\n\nThen, from another terminal: flexor board home --port tcp://127.0.0.1:7070, and flexor board enable. Home puts the arm to where the scenario starts."
+    )]
+    VirtualBoard(Box<virtual_board::VirtualBoardArgs>),
 }
 
 /// Files and places that every command takes.
@@ -159,6 +168,8 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Some(Command::Pil(args)) => pil::pil_command(&args),
         #[cfg(feature = "target")]
         Some(Command::Board(args)) => board::board(&args),
+        #[cfg(feature = "target")]
+        Some(Command::VirtualBoard(args)) => virtual_board::virtual_board(&args),
     };
     match result {
         Ok(()) => 0,

@@ -26,13 +26,13 @@ pub(super) struct Session {
 impl Session {
     /// A session on a line, of the serial port so called, that waits for each reply so long.
     pub(super) fn new(
-        line: impl SerialLine + 'static,
+        line: Box<dyn SerialLine>,
         port: Option<String>,
         timeout: Duration,
         logs: Option<Logs>,
     ) -> Self {
         Self {
-            line: Box::new(line),
+            line,
             port,
             timeout,
             receiver: Receiver::new(),
@@ -71,6 +71,12 @@ impl Session {
         self.line
             .write_all(bytes)
             .map_err(|source| self.failure(awaited, source))
+    }
+
+    /// Lets time pass, on the line's clock.
+    pub(super) fn pass(&mut self, time: Duration) -> Result<(), TargetError> {
+        let passed = self.line.pass(time);
+        passed.map_err(|source| self.failure("time", source))
     }
 
     /// The next reply; what is logged before it goes to the log.

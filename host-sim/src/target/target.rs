@@ -2,11 +2,12 @@
 //! on a serial port, that answers the requests of [`flexor::link`].
 
 use super::error::TargetError;
-use super::line::open_port;
+use super::line::{SerialLine, open_port};
 use super::log::Logs;
 use super::qemu::{Emulation, Emulator, TIMEOUT};
 use super::session::{Session, unexpected};
-use flexor::link::{Identity, Reply, Request, SensorReport, Setup, Status, TickReply};
+use super::virtual_within::LineWithin;
+use flexor::link::{ClockSource, Identity, Reply, Request, SensorReport, Setup, Status, TickReply};
 use flexor::signals::Measurement;
 use flexor::table::{Slot, TableIdentity};
 use std::time::Duration;
@@ -27,7 +28,7 @@ impl Target {
     /// [`TargetError`].
     pub fn emulated(emulation: &Emulation, logs: Option<Logs>) -> Result<Self, TargetError> {
         let (mut emulator, line) = Emulator::start(emulation)?;
-        let mut session = Session::new(line, None, TIMEOUT, logs);
+        let mut session = Session::new(Box::new(line), None, TIMEOUT, logs);
         // Bytes before the firmware's first are lost: it introduces itself.
         let identity = Session::identity(&session.reply("identity")?)?;
         emulator.started();
@@ -45,7 +46,24 @@ impl Target {
     /// # Errors
     /// [`TargetError::Silent`] if nobody answers; else other [`TargetError`]s.
     pub fn on_port(port: &str, timeout: Duration, logs: Option<Logs>) -> Result<Self, TargetError> {
-        let line = open_port(port, timeout)?;
+        Self::on_line(open_port(port, timeout)?, port, timeout, logs)
+    }
+
+    /// Asks who is on the `line` of a virtual board within the process.
+    ///
+    /// # Errors
+    /// [`TargetError`].
+    pub fn within(line: LineWithin, timeout: Duration) -> Result<Self, TargetError> {
+        Self::on_line(Box::new(line), "virtual board", timeout, None)
+    }
+
+    /// Asks who is on a line, of the port so called.
+    fn on_line(
+        line: Box<dyn SerialLine>,
+        port: &str,
+        timeout: Duration,
+        logs: Option<Logs>,
+    ) -> Result<Self, TargetError> {
         let mut session = Session::new(line, Some(port.to_owned()), timeout, logs);
         session.write(&[0], "identity")?; // ends what a broken run left
         // A board that has just started introduces itself once more by itself. The status
@@ -66,6 +84,19 @@ impl Target {
             counts_instructions: false,
             _emulator: None,
         })
+    }
+
+    /// Lets time pass; on a virtual board within the process its own.
+    ///
+    /// # Errors
+    /// [`TargetError`] where such a board has ended.
+    pub fn pass(&mut self, time: Duration) -> Result<(), TargetError> {
+        self.session.pass(time)
+    }
+
+    /// Whether it is a virtual board.
+    pub fn is_virtual(&self) -> bool {
+        self.identity.clock == ClockSource::Simulated
     }
 
     /// Who the microcontroller is.
@@ -252,7 +283,7 @@ impl Target {
             stopwatch_hz,
             ..
         } = self.identity;
-        if self.counts_instructions {
+        if self.counts_instructions || self.is_virtual() {
             return None;
         }
         let cycles = u64::from(ticks_hw) * u64::from(core_hz) / u64::from(stopwatch_hz.max(1));

@@ -17,6 +17,8 @@ pub enum ClockSource {
     InternalPll,
     /// Internal oscillator alone: the PLL did not lock either.
     Internal,
+    /// None: a board that is simulated.
+    Simulated,
 }
 
 /// Why the microcontroller started.

@@ -39,5 +39,7 @@ pub use memory_board::MemoryBoard;
 pub use monitors::{MonitorParameters, Monitors};
 pub use parameters::ControllerParameters;
 pub use requests::{BoardConstants, BoardFacts, BoardHealth, Event, RequestHandler, Services};
+/// What is reached under a lock, and what is one's own anyhow.
+pub use rtic_core::{Exclusive, Mutex};
 pub use sensing::{Calibration, Sensing};
 pub use supervisor::{Supervisor, SupervisorStatus};

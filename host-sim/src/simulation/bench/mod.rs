@@ -13,7 +13,9 @@
 //! |---|---|
 //! | `arm` | one arm on the bench, and the board before it |
 //! | `bench` | several of them, tick by tick |
-//! | `lane` | one board with its sensors, drives and faults |
+//! | `rig` | what is around a board: sensors, drives, lines, faults |
+//! | `lane` | one board in the loop |
+//! | `virtual_board` | one that answers the link's requests, as a board on a cable |
 //! | `injection` | faults at given times |
 //! | `figures`, `log` | what comes of a run: its figures alone, or everything |
 //!
@@ -27,6 +29,8 @@ mod figures;
 mod injection;
 mod lane;
 mod log;
+mod rig;
+mod virtual_board;
 
 pub use arm::{ArmKind, BenchArm, BenchBoard, BenchError, Course};
 pub use bench::{BenchRow, BenchTask, Then, refusal, run};
@@ -35,3 +39,4 @@ pub use injection::{
     AnalogChannel, AnalogFault, FAULT_NAMES, FaultKind, FaultName, TimedFault, WISH_NAMES,
 };
 pub use log::BenchLog;
+pub use virtual_board::{VirtualBoard, VirtualPlaces, VirtualSetting};
