@@ -43,7 +43,9 @@ mod app {
     use crate::comms::Here;
     use crate::{calibrate, comms, crash_record, flash_slots, log, stack};
     use cortex_m::peripheral::syst::SystClkSource;
-    use flexor::link::{FRAME_MAX, Mode, Receiver, Reply, Request};
+    use flexor::link::{
+        FRAME_MAX, Mode, Receiver, Reply, Request, TELEMETRY_QUEUE, TelemetrySample,
+    };
     use flexor::supervisor::{ControllerSlot, MonitoredController, RequestHandler, Supervisor};
     use heapless::spsc::{Consumer, Producer, Queue};
     use stm32f4xx_hal::pac::Interrupt;
@@ -65,11 +67,13 @@ mod app {
         to_send: Consumer<'static, u8>,
         from_host: Consumer<'static, u8>,
         to_host: Producer<'static, u8>,
+        telemetry: Consumer<'static, TelemetrySample>,
     }
 
     #[init(local = [
         receive: Queue<u8, RECEIVE_QUEUE> = Queue::new(),
         transmit: Queue<u8, TRANSMIT_QUEUE> = Queue::new(),
+        samples: Queue<TelemetrySample, TELEMETRY_QUEUE> = Queue::new(),
         running: Option<MonitoredController<'static>> = None,
         prepared: Option<MonitoredController<'static>> = None,
     ])]
@@ -94,14 +98,17 @@ mod app {
         // Without a setup no table runs, and nothing reads the moment.
         let calibration =
             flash_slots::setup().map_or(CALIBRATION, |setup| CALIBRATION.for_arm(&setup.arm));
+        let mut supervisor = Supervisor::new(
+            &mut peripherals.tick,
+            ControllerSlot::new(context.local.running),
+            &SAFETY,
+            &calibration,
+            TICK_RATE_HZ,
+        );
+        let (sampled, telemetry) = context.local.samples.split();
+        supervisor.set_telemetry(sampled);
         let shared = Shared {
-            supervisor: Supervisor::new(
-                &mut peripherals.tick,
-                ControllerSlot::new(context.local.running),
-                &SAFETY,
-                &calibration,
-                TICK_RATE_HZ,
-            ),
+            supervisor,
             bytes_lost: 0,
         };
         let local = Local {
@@ -113,6 +120,7 @@ mod app {
             to_send,
             from_host,
             to_host,
+            telemetry,
         };
         (shared, local)
     }
@@ -154,7 +162,7 @@ mod app {
     fn wake(_: wake::Context) {}
 
     /// Answers requests and feeds the watchdog.
-    #[idle(shared = [supervisor, bytes_lost], local = [watchdog, requests, from_host, to_host])]
+    #[idle(shared = [supervisor, bytes_lost], local = [watchdog, requests, from_host, to_host, telemetry])]
     fn idle(mut context: idle::Context) -> ! {
         let local = context.local;
         let supervisor = &mut context.shared.supervisor;
@@ -201,7 +209,12 @@ mod app {
                     None => defmt::info!("fault acknowledged"),
                 }
             }
-            // The log waits for the answers: a reply and an entry always fit together.
+            // Telemetry and log wait for the answers: a reply and one of them always fit together.
+            while to_host.capacity() - to_host.len() >= 2 * FRAME_MAX
+                && let Some(sample) = local.telemetry.dequeue()
+            {
+                send(to_host, &Reply::Telemetry(sample));
+            }
             if to_host.capacity() - to_host.len() >= 2 * FRAME_MAX
                 && let Some(entry) = log::take()
             {

@@ -3,7 +3,7 @@
 use super::error::TargetError;
 use super::line::SerialLine;
 use super::log::Logs;
-use flexor::link::{FRAME_MAX, Identity, Receiver, Reply, Request, encode};
+use flexor::link::{FRAME_MAX, Identity, Receiver, Reply, Request, TelemetrySample, encode};
 use std::collections::VecDeque;
 use std::io;
 use std::time::{Duration, Instant};
@@ -20,6 +20,8 @@ pub(super) struct Session {
     received: u64,
     /// Replies that have been read with those before them.
     waiting: VecDeque<Reply>,
+    /// Telemetry that has been read.
+    telemetry: Vec<TelemetrySample>,
     logs: Option<Logs>,
 }
 
@@ -38,6 +40,7 @@ impl Session {
             receiver: Receiver::new(),
             received: 0,
             waiting: VecDeque::new(),
+            telemetry: Vec::new(),
             logs,
         }
     }
@@ -50,6 +53,11 @@ impl Session {
     ) -> Result<Reply, TargetError> {
         self.send(request, awaited)?;
         self.reply(awaited)
+    }
+
+    /// The telemetry that has come since the last call.
+    pub(super) fn take_telemetry(&mut self) -> Vec<TelemetrySample> {
+        core::mem::take(&mut self.telemetry)
     }
 
     /// Sends a request.
@@ -106,6 +114,7 @@ impl Session {
                             logs.write_log(&entry);
                         }
                     }
+                    Some(Reply::Telemetry(sample)) => self.telemetry.push(sample),
                     reply => self.waiting.extend(reply),
                 }
             }

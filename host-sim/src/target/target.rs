@@ -7,7 +7,10 @@ use super::log::Logs;
 use super::qemu::{Emulation, Emulator, TIMEOUT};
 use super::session::{Session, unexpected};
 use super::virtual_within::LineWithin;
-use flexor::link::{ClockSource, Identity, Reply, Request, SensorReport, Setup, Status, TickReply};
+use flexor::link::{
+    ClockSource, Identity, Obstacles, Program, Reply, Request, SensorReport, Setup, Status,
+    TelemetrySample, TickReply,
+};
 use flexor::signals::Measurement;
 use flexor::table::{Slot, TableIdentity};
 use std::time::Duration;
@@ -127,18 +130,69 @@ impl Target {
     }
 
     /// Enables the drives and runs a slot's table, or without a slot slot A's, or slot B's
-    /// where A has none that is usable. Says which runs. From now on the microcontroller must
-    /// be asked for something every 100 ms, or it stops by itself.
+    /// where A has none that is usable, where that is `program`. Says which runs. From now on the
+    /// microcontroller must be [kept alive](Self::keep_alive) with `session` every 100 ms, or it stops
+    /// by itself.
     ///
     /// # Errors
     /// [`TargetError::Refused`] if it is not enabled; else other [`TargetError`]s, after
     /// which it may be enabled.
-    pub fn enable(&mut self, slot: Option<Slot>) -> Result<(Slot, TableIdentity), TargetError> {
-        match self.ask(&Request::Enable { slot }, "consent to enable")? {
+    pub fn enable(
+        &mut self,
+        slot: Option<Slot>,
+        program: Program,
+        session: u32,
+    ) -> Result<(Slot, TableIdentity), TargetError> {
+        let enable = Request::Enable {
+            slot,
+            program,
+            session,
+        };
+        match self.ask(&enable, "consent to enable")? {
             Reply::Enabled { slot, table } => Ok((slot, table)),
             Reply::Refused(refusal) => Err(TargetError::Refused(refusal)),
             other => Err(unexpected("consent to enable", &other)),
         }
+    }
+
+    /// Keeps an arm enabled that `session` has enabled, and asks how it is.
+    ///
+    /// # Errors
+    /// [`TargetError::Refused`] if another session has enabled it; else other [`TargetError`]s.
+    pub fn keep_alive(&mut self, session: u32) -> Result<Status, TargetError> {
+        match self.ask(&Request::KeepAlive { session }, "status")? {
+            Reply::Status(status) => Ok(status),
+            Reply::Refused(refusal) => Err(TargetError::Refused(refusal)),
+            other => Err(unexpected("status", &other)),
+        }
+    }
+
+    /// Everything that is in the way of enabling a slot's table, and of `program` where one is meant.
+    ///
+    /// # Errors
+    /// [`TargetError`].
+    pub fn check(
+        &mut self,
+        slot: Option<Slot>,
+        program: Option<Program>,
+    ) -> Result<Obstacles, TargetError> {
+        match self.ask(&Request::Check { slot, program }, "obstacles")? {
+            Reply::Obstacles(obstacles) => Ok(obstacles),
+            other => Err(unexpected("obstacles", &other)),
+        }
+    }
+
+    /// Lets it send every so many ticks of an enabled arm; 0 for none.
+    ///
+    /// # Errors
+    /// [`TargetError`].
+    pub fn stream(&mut self, every_ticks: u16) -> Result<(), TargetError> {
+        self.done(&Request::Stream { every_ticks })
+    }
+
+    /// The telemetry that has come since the last call, in order; read with the answers.
+    pub fn take_telemetry(&mut self) -> Vec<TelemetrySample> {
+        self.session.take_telemetry()
     }
 
     /// Switches the drives off, and ends lock-step. Passes over answers to earlier requests,

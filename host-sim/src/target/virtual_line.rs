@@ -1,7 +1,7 @@
 //! The line of a virtual board: frames in and out of it, as bytes of a clock that is the board's own.
 
 use crate::simulation::bench::{BenchError, VirtualBoard};
-use flexor::link::{FRAME_MAX, Receiver, Reply, encode};
+use flexor::link::{FRAME_MAX, Receiver, Reply, Request, encode};
 use flexor::supervisor::BoardHealth;
 use std::collections::VecDeque;
 
@@ -33,7 +33,8 @@ impl VirtualLine {
         }
     }
 
-    /// Bytes from the host: each request that they end is answered at once.
+    /// Bytes from the host: each request that they end is answered at once. True where one of them asked
+    /// for telemetry.
     ///
     /// # Errors
     /// The board's.
@@ -41,9 +42,11 @@ impl VirtualLine {
         &mut self,
         bytes: &[u8],
         board: &mut VirtualBoard<'_>,
-    ) -> Result<(), BenchError> {
+    ) -> Result<bool, BenchError> {
+        let mut streams = false;
         for byte in bytes {
             if let Some(request) = self.receiver.push(*byte) {
+                streams |= matches!(request, Request::Stream { .. });
                 board.set_health(BoardHealth {
                     frame_errors: self.receiver.errors(),
                     ..BoardHealth::default()
@@ -53,7 +56,7 @@ impl VirtualLine {
                 }
             }
         }
-        Ok(())
+        Ok(streams)
     }
 
     /// Whether an answer would still fit behind one more message.
@@ -76,6 +79,16 @@ impl VirtualLine {
     pub(super) fn pass(&mut self, board: &mut VirtualBoard<'_>) {
         board.tick();
         self.tick();
+        self.take_telemetry(board);
+    }
+
+    /// Sends the telemetry that there is room for, answers before it.
+    pub(super) fn take_telemetry(&mut self, board: &mut VirtualBoard<'_>) {
+        while self.has_room()
+            && let Some(sample) = board.telemetry()
+        {
+            self.send(&Reply::Telemetry(sample));
+        }
     }
 
     /// A control period has passed.

@@ -57,6 +57,8 @@ struct Client {
     stream: Box<dyn Stream>,
     line: VirtualLine,
     gone: bool,
+    /// It has asked for telemetry, and nobody after it.
+    streams: bool,
 }
 
 /// Where clients come from.
@@ -88,20 +90,28 @@ pub fn serve(
     let bytes_per_tick = f64::from(BAUD) / 10.0 / rate_hz;
     let mut clients = Vec::new();
     let door = open(listen, bytes_per_tick, &mut clients, announce)?;
-    let mut places: VirtualPlaces<'_> = [None, None];
+    let mut places = VirtualPlaces::default();
     let mut board = VirtualBoard::new(setting, &mut places)?;
     let period = Duration::from_secs_f64(1.0 / (rate_hz * speed));
     let mut due = Instant::now();
     while !stop.load(Ordering::Relaxed) {
         let looked = Instant::now();
         door.admit(bytes_per_tick, &mut clients);
-        for client in &mut clients {
-            client.listen(&mut board)?;
+        for i in 0..clients.len() {
+            if clients[i].listen(&mut board)? {
+                let streams = |(at, client): (usize, &mut Client)| client.streams = at == i;
+                clients.iter_mut().enumerate().for_each(streams);
+            }
         }
         due = due.max(looked.checked_sub(BEHIND).unwrap_or(looked));
         while due <= looked && looked.elapsed() < AWAY {
             board.tick();
-            clients.iter_mut().for_each(|client| client.line.tick());
+            for client in &mut clients {
+                client.line.tick();
+                if client.streams {
+                    client.line.take_telemetry(&mut board);
+                }
+            }
             due += period;
         }
         for client in &mut clients {
@@ -192,18 +202,19 @@ impl Client {
             stream: Box::new(stream),
             line: VirtualLine::new(bytes_per_tick),
             gone: false,
+            streams: false,
         }
     }
 
-    /// Hands what has come to the board.
-    fn listen(&mut self, board: &mut VirtualBoard<'_>) -> Result<(), BenchError> {
+    /// Hands what has come to the board; true where it asked for telemetry.
+    fn listen(&mut self, board: &mut VirtualBoard<'_>) -> Result<bool, BenchError> {
         let mut bytes = [0; 512];
         match self.stream.read(&mut bytes) {
             Ok(0) => self.gone = true,
-            Ok(count) => self.line.receive(&bytes[..count], board)?,
+            Ok(count) => return self.line.receive(&bytes[..count], board),
             Err(error) => self.gone = !nothing_now(&error),
         }
-        Ok(())
+        Ok(false)
     }
 
     /// Sends what has passed the line.

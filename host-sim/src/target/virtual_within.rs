@@ -58,13 +58,15 @@ fn run(
     jobs: &Receiver<Job>,
     done: &Sender<Vec<u8>>,
 ) -> Result<(), BenchError> {
-    let mut places: VirtualPlaces<'_> = [None, None];
+    let mut places = VirtualPlaces::default();
     let mut board = VirtualBoard::new(setting, &mut places)?;
     let mut line = VirtualLine::new(f64::INFINITY);
     board.tick();
     while let Ok(job) = jobs.recv() {
         match job {
-            Job::Take(bytes) => line.receive(&bytes, &mut board)?,
+            Job::Take(bytes) => {
+                line.receive(&bytes, &mut board)?;
+            }
             Job::Pass(ticks) => (0..ticks).for_each(|_| line.pass(&mut board)),
             Job::PassUntilSent(ticks) => {
                 for _ in 0..ticks {

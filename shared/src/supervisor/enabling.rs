@@ -36,6 +36,16 @@ pub struct InputHealth {
 }
 
 impl InputHealth {
+    /// Every fault that keeps the drives off.
+    fn faults(&self) -> [Option<Fault>; 4] {
+        [
+            (!self.interlocks.estop_released).then_some(Fault::EmergencyStop),
+            (!self.interlocks.drives_ok).then_some(Fault::Drive),
+            (!self.fresh).then_some(Fault::SensorsStale),
+            (!self.in_range).then_some(Fault::SensorRange),
+        ]
+    }
+
     /// The fault that keeps the drives off.
     #[inline]
     pub fn fault(&self) -> Option<Fault> {
@@ -163,6 +173,27 @@ pub fn check_enable(
     start.check(limits, &inputs.measured)
 }
 
+/// Tells every reason why [`check_enable`] refuses, and not the first alone. Where the arm stands can be
+/// said of one that is homed, with a table that begins at `start`.
+pub fn each_obstacle(
+    limits: &SafetyLimits,
+    inputs: &EnableInputs,
+    start: Option<&StartPose>,
+    mut tell: impl FnMut(Refusal),
+) {
+    if let Some(fault) = inputs.latched {
+        tell(Refusal::Latched(fault));
+    }
+    for fault in inputs.health.faults().into_iter().flatten() {
+        tell(Refusal::Cause(fault));
+    }
+    if !inputs.homed {
+        tell(Refusal::NotHomed);
+    } else if let Some(Err(refusal)) = start.map(|start| start.check(limits, &inputs.measured)) {
+        tell(refusal);
+    }
+}
+
 /// Whether a table whose torques are bounded by `planned_nm` keeps within the limits: the law
 /// would lose the path where they cut it off.
 ///
@@ -240,6 +271,7 @@ impl FaultMonitor {
 
 #[cfg(test)]
 mod tests {
+    extern crate std;
     use super::*;
     use crate::control::HybridParameters;
 
@@ -361,6 +393,40 @@ mod tests {
     }
 
     #[test]
+    fn all_obstacles_are_told_at_once_and_each_is_one_that_refuses() {
+        let told = |inputs: &EnableInputs| {
+            let mut told = std::vec![];
+            each_obstacle(&LIMITS, inputs, Some(&motors()), |refusal| {
+                told.push(refusal)
+            });
+            assert_eq!(
+                told.first().copied(),
+                check_enable(&LIMITS, inputs, &motors()).err()
+            );
+            told
+        };
+        assert!(told(&at_start()).is_empty());
+        let mut inputs = at_start();
+        inputs.latched = Some(Fault::TickOverrun);
+        inputs.health.interlocks.estop_released = false;
+        inputs.health.interlocks.drives_ok = false;
+        inputs.health.in_range = false;
+        inputs.homed = false;
+        let expected = [
+            Refusal::Latched(Fault::TickOverrun),
+            Refusal::Cause(Fault::EmergencyStop),
+            Refusal::Cause(Fault::Drive),
+            Refusal::Cause(Fault::SensorRange),
+            Refusal::NotHomed,
+        ];
+        assert_eq!(told(&inputs), expected);
+        inputs.homed = true;
+        inputs.measured.motor[0] = 0.0;
+        let away = told(&inputs)[4];
+        assert!(matches!(away, Refusal::MotorsAwayFromStart { .. }));
+    }
+
+    #[test]
     fn each_law_asks_what_its_sensors_tell() {
         let check = |start: &StartPose, change: &dyn Fn(&mut Measurement<f32>)| {
             let mut inputs = at_start();
@@ -392,7 +458,6 @@ mod tests {
 
     #[test]
     fn a_motor_that_is_away_is_named_with_how_much() {
-        extern crate std;
         use std::string::ToString;
         let words = |deviation_rad| {
             let refusal = Refusal::MotorsAwayFromStart {

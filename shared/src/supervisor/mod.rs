@@ -33,7 +33,7 @@ pub use board_parameters::{BoardParameters, ConverterScale};
 pub use controller_slot::{ControllerSlot, MonitoredController};
 pub use enabling::{
     EnableInputs, FaultMonitor, InputHealth, SafetyLimits, StartPose, check_enable,
-    check_torque_bound, select_table,
+    check_torque_bound, each_obstacle, select_table,
 };
 pub use memory_board::MemoryBoard;
 pub use monitors::{MonitorParameters, Monitors};

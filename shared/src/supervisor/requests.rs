@@ -6,11 +6,12 @@
 //! controller, which takes long, holds none.
 
 use crate::link::{
-    ClockSource, FrameErrors, Identity, Mode, Refusal, Reply, Request, Setup, StartReason, Status,
+    ClockSource, FrameErrors, Identity, Mode, Obstacles, Program, Refusal, Reply, Request, Setup,
+    StartReason, Status,
 };
 use crate::supervisor::controller_slot::ControllerSlot;
 use crate::supervisor::enabling::{
-    SafetyLimits, StartPose, check_enable, check_torque_bound, select_table,
+    SafetyLimits, StartPose, check_enable, check_torque_bound, each_obstacle, select_table,
 };
 use crate::supervisor::monitors::Monitors;
 use crate::supervisor::parameters::ControllerParameters;
@@ -103,6 +104,10 @@ pub trait Services<'a> {
 #[derive(Debug)]
 pub struct RequestHandler<'a> {
     parameters: Option<ControllerParameters>,
+    /// CRC of the setup that they were made from.
+    setup_crc: Option<u32>,
+    /// Who enabled.
+    session: u32,
     constants: &'a BoardConstants,
     facts: BoardFacts,
     /// Where the next controller is made, apart from the tick's.
@@ -120,6 +125,8 @@ impl<'a> RequestHandler<'a> {
     ) -> Self {
         Self {
             parameters: setup.map(ControllerParameters::from),
+            setup_crc: setup.map(Setup::crc),
+            session: 0,
             constants,
             facts,
             prepared,
@@ -143,6 +150,7 @@ impl<'a> RequestHandler<'a> {
             git: facts.git,
             modified: facts.modified,
             arm_fingerprint,
+            setup_crc: self.setup_crc,
             slots,
             tick_rate_hz: self.constants.tick_rate_hz,
             core_hz: facts.core_hz,
@@ -160,13 +168,31 @@ impl<'a> RequestHandler<'a> {
         supervisor: &mut impl Mutex<T = Supervisor<'a>>,
         services: &mut impl Services<'a>,
     ) -> Reply {
-        supervisor.lock(Supervisor::link_alive);
         let done = match *request {
             Request::Hello => return self.identity(services),
             Request::Status => return status(supervisor, services.health()),
             Request::Sensors => return Reply::Sensors(supervisor.lock(|s| s.sensors())),
-            Request::Enable { slot } => match self.enable(slot, supervisor, services) {
+            Request::KeepAlive { session } => {
+                if session == self.session {
+                    supervisor.lock(Supervisor::link_alive);
+                    return status(supervisor, services.health());
+                }
+                Err(Refusal::OtherSession)
+            }
+            Request::Check { slot, program } => {
+                return Reply::Obstacles(self.obstacles(slot, program, supervisor, services));
+            }
+            Request::Stream { every_ticks } => {
+                supervisor.lock(|s| s.stream(every_ticks));
+                Ok(())
+            }
+            Request::Enable {
+                slot,
+                program,
+                session,
+            } => match self.enable(slot, program, supervisor, services) {
                 Ok((slot, table)) => {
+                    self.session = session;
                     services.note(&Event::Enabled(slot, table));
                     return Reply::Enabled { slot, table };
                 }
@@ -216,6 +242,7 @@ impl<'a> RequestHandler<'a> {
     fn enable(
         &mut self,
         slot: Option<Slot>,
+        named: Program,
         supervisor: &mut impl Mutex<T = Supervisor<'a>>,
         services: &impl Services<'a>,
     ) -> Result<(Slot, TableIdentity), Refusal> {
@@ -226,6 +253,7 @@ impl<'a> RequestHandler<'a> {
         parameters.limits = parameters.limits.at_most(self.constants.drive_limit_nm);
         let fingerprint = Some(parameters.arm.fingerprint());
         let (slot, table) = select_table(slot, |slot| services.open(slot, fingerprint))?;
+        self.check_program(&table, Some(named))?;
         let start = StartPose::new(&parameters.law, &table.cursor().row());
         let inputs = supervisor.lock(|s| s.enable_inputs());
         check_enable(&self.constants.safety, &inputs, &start)?;
@@ -233,6 +261,59 @@ impl<'a> RequestHandler<'a> {
         self.prepare(&table, &parameters)?;
         supervisor.lock(|s| s.enable(&mut self.prepared))?;
         Ok((slot, TableIdentity::from(&table)))
+    }
+
+    /// Whether this table with this image's settings is what the host has named.
+    fn check_program(&self, table: &Table<'a>, named: Option<Program>) -> Result<(), Refusal> {
+        let found = Program {
+            table_crc: table.crc(),
+            task_fingerprint: table.header().task_fingerprint,
+            setup_crc: self.setup_crc.unwrap_or_default(),
+        };
+        match named {
+            Some(named) if named != found => Err(Refusal::OtherProgram { found, named }),
+            _ => Ok(()),
+        }
+    }
+
+    /// Everything that [`enable`](Self::enable) would refuse for.
+    fn obstacles(
+        &self,
+        slot: Option<Slot>,
+        named: Option<Program>,
+        supervisor: &mut impl Mutex<T = Supervisor<'a>>,
+        services: &impl Services<'a>,
+    ) -> Obstacles {
+        let mut found = Obstacles::new();
+        // There are no more than there is room for: one of each kind.
+        let mut tell = |refusal| {
+            let _ = found.push(refusal);
+        };
+        if supervisor.lock(|s| s.status().mode) != Mode::Disabled {
+            tell(Refusal::Busy);
+        }
+        let mut start = None;
+        if let Some(parameters) = &self.parameters {
+            let fingerprint = Some(parameters.arm.fingerprint());
+            match select_table(slot, |slot| services.open(slot, fingerprint)) {
+                Ok((_, table)) => {
+                    if let Err(refusal) = self.check_program(&table, named) {
+                        tell(refusal);
+                    }
+                    let limits = parameters.limits.at_most(self.constants.drive_limit_nm);
+                    if let Err(refusal) = check_torque_bound(table.torque_bound(), &limits) {
+                        tell(refusal);
+                    }
+                    start = Some(StartPose::new(&parameters.law, &table.cursor().row()));
+                }
+                Err(refusal) => tell(refusal),
+            }
+        } else {
+            tell(Refusal::NoSetup);
+        }
+        let inputs = supervisor.lock(|s| s.enable_inputs());
+        each_obstacle(&self.constants.safety, &inputs, start.as_ref(), tell);
+        found
     }
 
     fn start_lock_step(

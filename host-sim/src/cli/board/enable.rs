@@ -7,12 +7,12 @@ use crate::cli::{BoardError, CliError, print, say};
 use crate::files::export;
 use crate::target::{Target, TargetError};
 use flexor::fault::Fault;
-use flexor::link::{Mode, Status};
+use flexor::link::{Mode, Program, Status};
 use flexor::table::{Slot, TableIdentity};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Between two requests to an enabled arm: 50 a second, where it stops after 100 ms without.
 const KEEP_ALIVE: Duration = Duration::from_millis(20);
@@ -31,6 +31,22 @@ enum End {
     Disabled,
 }
 
+/// A number for this session that no other is likely to have.
+pub(super) fn session() -> u32 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH);
+    let nanoseconds = since.map_or(0, |since| since.as_nanos());
+    (nanoseconds ^ (nanoseconds >> 32)) as u32 ^ std::process::id().rotate_left(16)
+}
+
+/// What the board has said that it has in a slot, or without one in the first that is usable. Where
+/// there is none the board says why when it refuses.
+fn meant(board: &Target, slot: Option<Slot>) -> Program {
+    let identity = board.identity();
+    let slots = slot.as_ref().map_or(&Slot::ALL[..], core::slice::from_ref);
+    let mut programs = slots.iter().filter_map(|slot| Program::of(identity, *slot));
+    programs.next().unwrap_or_default()
+}
+
 /// Enables, keeps the link alive, and disables, whatever happens in between.
 pub(super) fn enable(
     board: &mut Target,
@@ -39,7 +55,9 @@ pub(super) fn enable(
     bar: &ProgressBar,
 ) -> Result<(), CliError> {
     let stop = stop_flag()?;
-    let granted = match board.enable(slot) {
+    let session = session();
+    let program = meant(board, slot);
+    let granted = match board.enable(slot, program, session) {
         Err(error @ TargetError::Refused(_)) => {
             // For what it has logged of that; the refusal is known without.
             let _ = board.status();
@@ -49,7 +67,7 @@ pub(super) fn enable(
     };
     let ended = granted
         .map_err(failed)
-        .and_then(|(slot, table)| attend(board, slot, table, json, stop, bar));
+        .and_then(|(slot, table)| attend(board, (slot, table, session), json, stop, bar));
     let disabled = board.disable();
     bar.finish_and_clear();
     let (slot, table, end, tick) = match (ended, disabled) {
@@ -119,8 +137,7 @@ fn judged(
 /// last tick that was seen.
 fn attend(
     board: &mut Target,
-    slot: Slot,
-    table: TableIdentity,
+    (slot, table, session): (Slot, TableIdentity, u32),
     json: bool,
     stop: &AtomicBool,
     bar: &ProgressBar,
@@ -140,7 +157,7 @@ fn attend(
         retracted: None,
     };
     loop {
-        let status = board.status().map_err(failed)?;
+        let status = board.keep_alive(session).map_err(failed)?;
         let stop = stop.swap(false, Ordering::Relaxed);
         let end = run.look(&status, stop);
         bar.set_position(run.tick.into());
@@ -155,7 +172,7 @@ fn attend(
                 Err(error) => return Err(failed(error)),
             }
         }
-        std::thread::sleep(KEEP_ALIVE);
+        board.pass(KEEP_ALIVE).map_err(failed)?;
     }
 }
 

@@ -15,12 +15,15 @@ use crate::simulation::bench::bench::{BenchTask, diverged, path_s};
 use crate::simulation::bench::injection::{FaultKind, TimedFault};
 use crate::simulation::bench::rig::{PERIOD_TICKS_HW, Rig};
 use flexor::control::Controller;
-use flexor::link::{ClockSource, Mode, Reply, Request, Setup, StartReason};
+use flexor::link::{
+    ClockSource, Mode, Reply, Request, Setup, StartReason, TELEMETRY_QUEUE, TelemetrySample,
+};
 use flexor::supervisor::{
     BoardConstants, BoardFacts, BoardHealth, ControllerSlot, Event, Exclusive, MemoryBoard,
     MonitoredController, Mutex, RequestHandler, SafetyLimits, Services, Supervisor,
 };
 use flexor::table::{Slot, SlotError, Table, open_slot};
+use heapless::spsc::{Consumer, Queue};
 
 /// What a virtual board is made of, and where.
 pub struct VirtualSetting<'a> {
@@ -77,8 +80,12 @@ impl<'a> VirtualSetting<'a> {
 /// What is read of a slot in erased flash.
 const ERASED: [u8; 64] = [0xff; 64];
 
-/// Where the controllers of a virtual board live.
-pub type VirtualPlaces<'a> = [Option<MonitoredController<'a>>; 2];
+/// Where what a virtual board's tick and its main loop share lives: controllers, and telemetry.
+#[derive(Default)]
+pub struct VirtualPlaces<'a> {
+    controllers: [Option<MonitoredController<'a>>; 2],
+    telemetry: Queue<TelemetrySample, TELEMETRY_QUEUE>,
+}
 
 /// A run: ticks since enabling, ticks since the brakes opened, and the tick of those with which the
 /// table began.
@@ -100,10 +107,11 @@ pub struct VirtualBoard<'a> {
     handler: RequestHandler<'a>,
     course: Option<Course>,
     health: BoardHealth,
+    telemetry: Consumer<'a, TelemetrySample>,
 }
 
 impl<'a> VirtualBoard<'a> {
-    /// A board that has just started, its arm at the home pose. Controllers live in `places`.
+    /// A board that has just started, its arm at the home pose.
     ///
     /// # Errors
     /// [`BenchError`].
@@ -113,14 +121,16 @@ impl<'a> VirtualBoard<'a> {
     ) -> Result<Self, BenchError> {
         let constants = &setting.constants;
         let (plant, reading, mut rig) = at_start(setting)?;
-        let [running, next] = places;
-        let supervisor = Supervisor::new(
+        let [running, next] = &mut places.controllers;
+        let (sampled, telemetry) = places.telemetry.split();
+        let mut supervisor = Supervisor::new(
             &mut rig.board,
             ControllerSlot::new(running),
             &constants.safety,
             &constants.calibration,
             constants.tick_rate_hz,
         );
+        supervisor.set_telemetry(sampled);
         let stopwatch_hz = PERIOD_TICKS_HW * constants.tick_rate_hz;
         let facts = BoardFacts {
             version: version(),
@@ -142,6 +152,7 @@ impl<'a> VirtualBoard<'a> {
             handler: RequestHandler::new(Some(&setting.setup), constants, facts, prepared),
             course: None,
             health: BoardHealth::default(),
+            telemetry,
         })
     }
 
@@ -171,6 +182,11 @@ impl<'a> VirtualBoard<'a> {
             self.rig.move_by_hand(&mut self.supervisor, at);
         }
         Ok(Some(reply))
+    }
+
+    /// The oldest sample of the telemetry that waits.
+    pub fn telemetry(&mut self) -> Option<TelemetrySample> {
+        self.telemetry.dequeue()
     }
 
     /// What it is doing.
