@@ -254,7 +254,7 @@ impl<'a> RequestHandler<'a> {
         let fingerprint = Some(parameters.arm.fingerprint());
         let (slot, table) = select_table(slot, |slot| services.open(slot, fingerprint))?;
         self.check_program(&table, Some(named))?;
-        let start = StartPose::new(&parameters.law, &table.cursor().row());
+        let start = StartPose::new(&parameters.law, &parameters.arm, &table.cursor().row());
         let inputs = supervisor.lock(|s| s.enable_inputs());
         check_enable(&self.constants.safety, &inputs, &start)?;
         check_torque_bound(table.torque_bound(), &parameters.limits)?;
@@ -304,7 +304,11 @@ impl<'a> RequestHandler<'a> {
                     if let Err(refusal) = check_torque_bound(table.torque_bound(), &limits) {
                         tell(refusal);
                     }
-                    start = Some(StartPose::new(&parameters.law, &table.cursor().row()));
+                    start = Some(StartPose::new(
+                        &parameters.law,
+                        &parameters.arm,
+                        &table.cursor().row(),
+                    ));
                 }
                 Err(refusal) => tell(refusal),
             }

@@ -480,13 +480,20 @@ fn telemetry_is_of_every_so_many_ticks_of_an_enabled_arm_and_its_gaps_tell() {
     assert!(steps.eq([3, 3]));
     assert_eq!(samples[0].tick, rig.supervisor.status().ticks_total - 6);
     assert_eq!(samples[0].raw.encoder, [7, 9]);
-    assert!(samples.iter().all(|sample| planned(sample.torque) && sample.open && sample.begun));
+    assert!(
+        samples
+            .iter()
+            .all(|sample| planned(sample.torque) && sample.open && sample.begun)
+    );
     // The tick that finds a fault is told, if it is its turn, and no tick after it.
     rig.supervisor.stream(1);
     rig.board.interlocks.drives_ok = false;
     let last = ticks(&mut rig, 3);
     assert_eq!(last.len(), 1);
-    assert_eq!((last[0].fault, last[0].torque), (Some(Fault::Drive), [0.0; 2]));
+    assert_eq!(
+        (last[0].fault, last[0].torque),
+        (Some(Fault::Drive), [0.0; 2])
+    );
     // What nobody takes is left out, and the ticks tell.
     let mut rig = Rig::enabled();
     let queue = Box::leak(Box::new(heapless::spsc::Queue::<_, 4>::new()));

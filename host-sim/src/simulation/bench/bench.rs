@@ -352,7 +352,7 @@ fn boards<'a, T: Lanes>(
     if let Some(then) = task.then {
         parameters.controller(&Table::open(then.image)?)?;
     }
-    let start = StartPose::new(&parameters.law, &table.cursor().row());
+    let start = StartPose::new(&parameters.law, &parameters.arm, &table.cursor().row());
 
     let mut boards = Vec::with_capacity(arms.len());
     for ((i, arm), places) in arms.iter().enumerate().zip(places) {
