@@ -14,7 +14,10 @@ use crate::files::export;
 use crate::planner::plan::Plan;
 use crate::planner::task::{Task, Travel};
 use crate::planner::tip_force::NormalForce;
-use crate::simulation::bench::{self, BenchArm, BenchBoard, BenchLog, BenchTask, RunFigures, Then};
+use crate::simulation::bench::{
+    self, BenchArm, BenchBoard, BenchLog, BenchRow, BenchTask, RunFigures, Then,
+};
+use crate::simulation::closed_loop::Run;
 use crate::text::{Shortest, four_digits};
 use clap::Args;
 use flexor::control::LawParameters;
@@ -432,34 +435,51 @@ impl Bench {
         let (run, rows) = log.finish(&figures, arm);
         let run_ms = since.elapsed().as_secs_f64() * 1e3;
 
-        let mut summary = export::summary_json(&run.summary);
-        summary.extend(export::bench_json(&figures));
-        summary.extend(self.planned.json());
-        summary.extend(keys);
-        summary.extend(export::object([
+        let mut all = facts;
+        all.extend(facts_of(&figures, run_ms, run.elements));
+        let mut more = keys;
+        more.extend(export::object([
             ("run_ms", json!(run_ms)),
             ("plant_elements", json!(run.elements)),
         ]));
+        self.write(output, title, (more, all), (&run, &rows, &figures), json)?;
+        Ok(figures)
+    }
+}
+
+impl Bench {
+    /// Writes everything of a run, all that `output` gets, and prints the result. `keys` and `facts` are
+    /// what is particular to it.
+    pub(super) fn write(
+        &self,
+        output: Output,
+        title: &str,
+        (keys, facts): (Map<String, Value>, Vec<(String, String)>),
+        (run, rows, figures): (&Run, &[BenchRow], &RunFigures),
+        json: bool,
+    ) -> Result<(), CliError> {
+        let plan = &self.planned.plan;
+        let mut summary = export::summary_json(&run.summary);
+        summary.extend(export::bench_json(figures));
+        summary.extend(self.planned.json());
+        summary.extend(keys);
         let summary = Value::Object(summary);
         output.write("plan.csv", |w| export::plan_csv(plan, w))?;
         output.write("table.bin", |w| w.write_all(&self.planned.table.image))?;
-        output.write("run.csv", |w| export::bench_csv(&rows, w))?;
+        output.write("run.csv", |w| export::bench_csv(rows, w))?;
         output.json("summary.json", &summary)?;
         let mut all = self.planned.facts();
         all.extend(facts);
-        all.extend(facts_of(&figures, run_ms, run.elements));
         let name = law_name(&self.law);
-        let place = pages::runs(&output, title, &[(name, "bench", plan, &run)], &all)?;
+        let place = pages::runs(&output, title, &[(name, "bench", plan, run)], &all)?;
         output.commit()?;
         if json {
-            print(&summary)?;
-        } else {
-            print_facts(&all)?;
-            print("")?;
-            print(results([(name, "bench", &run)]))?;
-            print(format_args!("\n{place}"))?;
+            return print(&summary);
         }
-        Ok(figures)
+        print_facts(&all)?;
+        print("")?;
+        print(results([(name, "bench", run)]))?;
+        print(format_args!("\n{place}"))
     }
 }
 

@@ -20,6 +20,11 @@ pub(super) struct ConnectionArgs {
 }
 
 impl ConnectionArgs {
+    /// Whether a board is named.
+    pub(super) fn is_named(&self) -> bool {
+        self.port.is_some()
+    }
+
     /// Opens the port, or starts QEMU with a table in slot B. The firmware's log goes to
     /// standard error, past the bar. A board may take `timeout` to answer.
     pub(super) fn open(

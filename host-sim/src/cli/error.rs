@@ -256,6 +256,8 @@ pub(super) enum BoardError {
         fault.number()
     )]
     Fault { fault: Fault, tick: u32, ticks: u32 },
+    #[error("{count} {} in the way of enabling", if *count == 1 { "thing is" } else { "things are" })]
+    Obstacles { count: usize },
     #[error("somebody else disabled it after tick {tick} of {ticks}")]
     Disabled { tick: u32, ticks: u32 },
     #[error("the run was ended after tick {tick} of {ticks}, and not by this command; disabled")]

@@ -8,13 +8,13 @@ use crate::simulation::bench::figures::{FailureLimits, RunFigures, Tally};
 use crate::simulation::bench::lane::Lane;
 use flexor::control::{LawParameters, LimitParameters};
 use flexor::fault::Fault;
-use flexor::link::{RawSample, Refusal};
+use flexor::link::{Program, RawSample, Refusal, Setup};
 use flexor::phase::Phase;
 use flexor::signals::Saturation;
 use flexor::supervisor::{
     ControllerParameters, MonitorParameters, MonitoredController, Monitors, StartPose,
 };
-use flexor::table::Table;
+use flexor::table::{Table, TableError};
 
 /// What all arms of a bench are to do, and with which board.
 #[derive(Clone, Copy, Debug)]
@@ -51,8 +51,31 @@ pub struct Then<'a> {
 }
 
 impl BenchTask<'_> {
+    /// What a board's image is built with for this task, apart from its table.
+    pub fn setup(&self) -> Setup {
+        Setup::from(&ControllerParameters {
+            arm: self.plan.model.arm,
+            law: *self.law,
+            limits: *self.limits,
+            monitors: *self.monitors,
+        })
+    }
+
+    /// What a board must have for this task: its table, and its settings.
+    ///
+    /// # Errors
+    /// [`TableError`] where the task's table is none.
+    pub fn program(&self) -> Result<Program, TableError> {
+        let table = Table::open(self.image)?;
+        Ok(Program {
+            table_crc: table.crc(),
+            task_fingerprint: table.header().task_fingerprint,
+            setup_crc: self.setup().crc(),
+        })
+    }
+
     /// What a controller is made from that keeps within these limits and thresholds.
-    pub(super) fn controller(
+    fn controller(
         &self,
         limits: &LimitParameters,
         monitors: &MonitorParameters,

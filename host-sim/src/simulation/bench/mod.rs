@@ -17,6 +17,7 @@
 //! | `lane` | one board in the loop |
 //! | `virtual_board` | one that answers the link's requests, as a board on a cable |
 //! | `injection` | faults at given times |
+//! | `recorded` | a run as a board tells it |
 //! | `figures`, `log` | what comes of a run: its figures alone, or everything |
 //!
 //! **Words.** A *lane* is one of the arms that advance side by side
@@ -29,6 +30,7 @@ mod figures;
 mod injection;
 mod lane;
 mod log;
+mod recorded;
 mod rig;
 mod virtual_board;
 
@@ -39,4 +41,5 @@ pub use injection::{
     AnalogChannel, AnalogFault, FAULT_NAMES, FaultKind, FaultName, TimedFault, WISH_NAMES,
 };
 pub use log::BenchLog;
+pub use recorded::RecordedRun;
 pub use virtual_board::{VirtualBoard, VirtualPlaces, VirtualSetting};

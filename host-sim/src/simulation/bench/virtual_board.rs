@@ -51,7 +51,6 @@ impl<'a> VirtualSetting<'a> {
         };
         // The gauge is calibrated in N m on the arm itself, by hanging a known weight from it.
         let calibration = task.board.calibration.for_arm(&arm.model.arm);
-        let parameters = task.controller(task.limits, task.monitors);
         Self {
             board: BenchBoard {
                 calibration,
@@ -63,7 +62,7 @@ impl<'a> VirtualSetting<'a> {
                 drive_limit_nm: task.board.drive_limit_nm,
                 tick_rate_hz: task.plan.tick_rate_hz,
             },
-            setup: Setup::from(&parameters),
+            setup: task.setup(),
             slots: [task.image, &ERASED],
             task,
             arm,
