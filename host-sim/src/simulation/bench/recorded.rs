@@ -1,8 +1,8 @@
 //! A run as a board has told it: its telemetry, made into the rows and figures of a run on the bench.
 //!
 //! A board knows what its sensors say and not how the arm is. So the rows' readings are measured ones:
-//! angles by the encoders, the root's slope and moment by the gauge, the force by the cell, the tip from
-//! these; friction and what the drives give nobody measures, and they are NaN. The link's shape
+//! angles by the encoders, the root's moment by the gauge and its slope by that and by what the plan knows of
+//! the link's weight, the force by the cell, the tip from these; friction and what the drives give nobody measures, and they are NaN. The link's shape
 //! in pictures is the planned one.
 
 use crate::plant::bench::CompliantReading;
@@ -11,6 +11,7 @@ use crate::simulation::bench::arm::period_s;
 use crate::simulation::bench::bench::{BenchTask, path_s};
 use crate::simulation::bench::figures::{RunFigures, Tally};
 use crate::simulation::closed_loop::{LogRow, Run, SHAPE_STRIDE, Summary, summarise};
+use flexor::control::LawParameters;
 use flexor::link::{SensorReport, TelemetrySample};
 use flexor::phase::Phase;
 use flexor::supervisor::Calibration;
@@ -81,8 +82,8 @@ impl<'a> RecordedRun<'a> {
             }
         }
         self.last_tick = Some(sample.tick);
-        let reading = self.measure(sample);
         if !sample.open && self.opened.is_none() && sample.fault.is_none() {
+            self.follow(sample);
             return;
         }
         let opened = *self.opened.get_or_insert(sample.tick);
@@ -91,21 +92,44 @@ impl<'a> RecordedRun<'a> {
         if sample.begun && self.begun.is_none() {
             self.begun = Some(since);
         }
-        self.put(sample, since, reading);
+        let since_begun = self.begun.map_or(0, |begun| since - begun);
+        let at = (since_begun as usize).min(self.task.plan.points.len() - 1);
+        self.follow(sample);
+        let reading = self.measure(sample, at);
+        self.put(sample, (since, at), reading);
     }
 
-    /// What the sensors say of the arm.
-    fn measure(&mut self, sample: &TelemetrySample) -> CompliantReading {
-        let c = &self.calibration;
+    /// Follows the encoders.
+    fn follow(&mut self, sample: &TelemetrySample) {
         for i in 0..2 {
             let step = sample.raw.encoder[i].wrapping_sub(self.encoder[i]);
-            self.motor[i] += f64::from(step.cast_signed()) * f64::from(c.encoder_rad[i]);
+            let rad = f64::from(self.calibration.encoder_rad[i]);
+            self.motor[i] += f64::from(step.cast_signed()) * rad;
         }
         self.encoder = sample.raw.encoder;
+    }
+
+    /// What the root's slope is beyond what the gauge shows, rad, at a tick of the plan: a gauge that
+    /// shows the moment does not know what link 2's own weight bends.
+    fn beyond_the_gauge(&self, at: usize) -> f64 {
+        match self.task.law {
+            LawParameters::Paper(_) => 0.0,
+            LawParameters::Hybrid(_) => {
+                let point = &self.task.plan.points[at];
+                let stiffness = self.task.plan.model.arm.moment_per_root_slope();
+                point.root_slope - point.torque[1] / stiffness
+            }
+        }
+    }
+
+    /// What the sensors say of the arm, at a tick of the plan.
+    fn measure(&mut self, sample: &TelemetrySample, at: usize) -> CompliantReading {
+        let c = &self.calibration;
         let scaled = |count: u16, (per_count, zero): (f32, f32)| {
             (f64::from(count) - f64::from(zero)) * f64::from(per_count)
         };
-        let root_slope = scaled(sample.raw.strain, c.slope_rad);
+        let shown = scaled(sample.raw.strain, c.slope_rad);
+        let root_slope = shown + self.beyond_the_gauge(at);
         let period_s = f64::from(self.every_ticks) * period_s(self.task.plan);
         let root_slope_rate = (root_slope - self.root_slope) / period_s;
         self.root_slope = root_slope;
@@ -126,19 +150,23 @@ impl<'a> RecordedRun<'a> {
             normal: self.task.plan.surface.normal,
             force: scaled(sample.raw.force, c.force_n),
             friction_force: f64::NAN,
-            root_moment: root_slope * f64::from(c.moment_nm_rad),
+            root_moment: shown * f64::from(c.moment_nm_rad),
             torque: [f64::NAN; 2],
         }
     }
 
-    /// Makes a row of a sample so many ticks after the brakes opened.
-    fn put(&mut self, sample: &TelemetrySample, since: u32, reading: CompliantReading) {
+    /// Makes a row of a sample so many ticks after the brakes opened, at a tick of the plan.
+    fn put(
+        &mut self,
+        sample: &TelemetrySample,
+        (since, at): (u32, usize),
+        reading: CompliantReading,
+    ) {
         let plan = self.task.plan;
         let since_s = f64::from(since) * period_s(plan);
         let begun = self.begun.map(|begun| begun as usize);
-        let at = self.begun.map_or(0, |begun| (since - begun) as usize);
         let last = plan.points.len() - 1;
-        let point = &plan.points[at.min(last)];
+        let point = &plan.points[at];
         let n = plan.surface.normal;
         let along = |p: [f64; 2]| n[1] * p[0] - n[0] * p[1];
         let row = BenchRow {
@@ -176,7 +204,7 @@ impl<'a> RecordedRun<'a> {
         }
         if self.approaches || self.begun.is_some() {
             self.rows.push(row);
-            self.planned.push(at.min(last));
+            self.planned.push(at);
         }
     }
 
