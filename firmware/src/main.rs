@@ -43,9 +43,7 @@ mod app {
     use crate::comms::Here;
     use crate::{calibrate, comms, crash_record, flash_slots, log, stack};
     use cortex_m::peripheral::syst::SystClkSource;
-    use flexor::link::{
-        FRAME_MAX, Mode, Receiver, Reply, Request, TELEMETRY_QUEUE, TelemetrySample,
-    };
+    use flexor::link::{FRAME_MAX, Mode, Receiver, Reply, Request};
     use flexor::supervisor::{ControllerSlot, MonitoredController, RequestHandler, Supervisor};
     use heapless::spsc::{Consumer, Producer, Queue};
     use stm32f4xx_hal::pac::Interrupt;
@@ -67,13 +65,11 @@ mod app {
         to_send: Consumer<'static, u8>,
         from_host: Consumer<'static, u8>,
         to_host: Producer<'static, u8>,
-        telemetry: Consumer<'static, TelemetrySample>,
     }
 
     #[init(local = [
         receive: Queue<u8, RECEIVE_QUEUE> = Queue::new(),
         transmit: Queue<u8, TRANSMIT_QUEUE> = Queue::new(),
-        samples: Queue<TelemetrySample, TELEMETRY_QUEUE> = Queue::new(),
         running: Option<MonitoredController<'static>> = None,
         prepared: Option<MonitoredController<'static>> = None,
     ])]
@@ -98,17 +94,14 @@ mod app {
         // Without a setup no table runs, and nothing reads the moment.
         let calibration =
             flash_slots::setup().map_or(CALIBRATION, |setup| CALIBRATION.for_arm(&setup.arm));
-        let mut supervisor = Supervisor::new(
-            &mut peripherals.tick,
-            ControllerSlot::new(context.local.running),
-            &SAFETY,
-            &calibration,
-            TICK_RATE_HZ,
-        );
-        let (sampled, telemetry) = context.local.samples.split();
-        supervisor.set_telemetry(sampled);
         let shared = Shared {
-            supervisor,
+            supervisor: Supervisor::new(
+                &mut peripherals.tick,
+                ControllerSlot::new(context.local.running),
+                &SAFETY,
+                &calibration,
+                TICK_RATE_HZ,
+            ),
             bytes_lost: 0,
         };
         let local = Local {
@@ -120,7 +113,6 @@ mod app {
             to_send,
             from_host,
             to_host,
-            telemetry,
         };
         (shared, local)
     }
@@ -162,7 +154,7 @@ mod app {
     fn wake(_: wake::Context) {}
 
     /// Answers requests and feeds the watchdog.
-    #[idle(shared = [supervisor, bytes_lost], local = [watchdog, requests, from_host, to_host, telemetry])]
+    #[idle(shared = [supervisor, bytes_lost], local = [watchdog, requests, from_host, to_host])]
     fn idle(mut context: idle::Context) -> ! {
         let local = context.local;
         let supervisor = &mut context.shared.supervisor;
@@ -211,7 +203,7 @@ mod app {
             }
             // Telemetry and log wait for the answers: a reply and one of them always fit together.
             while to_host.capacity() - to_host.len() >= 2 * FRAME_MAX
-                && let Some(sample) = local.telemetry.dequeue()
+                && let Some(sample) = supervisor.lock(Supervisor::take_telemetry)
             {
                 send(to_host, &Reply::Telemetry(sample));
             }

@@ -90,7 +90,7 @@ pub fn serve(
     let bytes_per_tick = f64::from(BAUD) / 10.0 / rate_hz;
     let mut clients = Vec::new();
     let door = open(listen, bytes_per_tick, &mut clients, announce)?;
-    let mut places = VirtualPlaces::default();
+    let mut places: VirtualPlaces<'_> = [None, None];
     let mut board = VirtualBoard::new(setting, &mut places)?;
     let period = Duration::from_secs_f64(1.0 / (rate_hz * speed));
     let mut due = Instant::now();

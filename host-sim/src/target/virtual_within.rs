@@ -58,7 +58,7 @@ fn run(
     jobs: &Receiver<Job>,
     done: &Sender<Vec<u8>>,
 ) -> Result<(), BenchError> {
-    let mut places = VirtualPlaces::default();
+    let mut places: VirtualPlaces<'_> = [None, None];
     let mut board = VirtualBoard::new(setting, &mut places)?;
     let mut line = VirtualLine::new(f64::INFINITY);
     board.tick();

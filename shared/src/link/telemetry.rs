@@ -6,7 +6,7 @@ use crate::phase::Phase;
 use crate::signals::Saturation;
 use serde::{Deserialize, Serialize};
 
-/// Samples that may wait for the main loop, and one place that the queue keeps free.
+/// Samples that may wait for the main loop.
 pub const TELEMETRY_QUEUE: usize = 8;
 
 /// One tick of an enabled arm: what it read, and what it commanded then. In counts, as the tick has them.

@@ -8,7 +8,8 @@
 use crate::control::Controller;
 use crate::fault::{Fault, Reaction};
 use crate::link::{
-    Interlocks, Mode, RawSample, Refusal, RunStatus, SensorReport, TelemetrySample, TickReply,
+    Interlocks, Mode, RawSample, Refusal, RunStatus, SensorReport, TELEMETRY_QUEUE,
+    TelemetrySample, TickReply,
 };
 use crate::phase::Phase;
 use crate::signals::{Measurement, Saturation};
@@ -18,7 +19,7 @@ use crate::supervisor::enabling::{EnableInputs, InputHealth, SafetyLimits};
 use crate::supervisor::sensing::{Calibration, Sensing};
 use crate::supervisor::soft_start::SoftStart;
 use crate::supervisor::state::State;
-use heapless::spsc::Producer;
+use heapless::Deque;
 
 /// The controller's tick, its command written into the reply. Not inlined, or the compiler makes a copy for each mode.
 #[inline(never)]
@@ -99,17 +100,17 @@ fn raise(
     torque
 }
 
-/// Which ticks go into the telemetry.
-#[derive(Default)]
-struct Stream<'a> {
-    queue: Option<Producer<'a, TelemetrySample>>,
+/// Which ticks go into the telemetry, and those that the main loop has not taken yet.
+#[derive(Debug, Default)]
+struct Stream {
+    samples: Deque<TelemetrySample, TELEMETRY_QUEUE>,
     /// Ticks from sample to sample; 0 for none.
     every: u16,
     /// Ticks until the next sample.
     left: u16,
 }
 
-impl Stream<'_> {
+impl Stream {
     /// Whether this tick is one.
     #[inline]
     fn is_due(&mut self) -> bool {
@@ -122,12 +123,6 @@ impl Stream<'_> {
         }
         self.left = self.every;
         true
-    }
-}
-
-impl core::fmt::Debug for Stream<'_> {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        write!(f, "Stream {{ every: {} }}", self.every)
     }
 }
 
@@ -241,7 +236,7 @@ pub struct Supervisor<'a> {
     ticks_hw_max: u32,
     /// Ticks when the main loop last looked.
     ticks_seen: u32,
-    stream: Stream<'a>,
+    stream: Stream,
 }
 
 impl<'a> Supervisor<'a> {
@@ -285,9 +280,11 @@ impl<'a> Supervisor<'a> {
         }
     }
 
-    /// Takes the queue that telemetry goes into; without one there is none.
-    pub fn set_telemetry(&mut self, queue: Producer<'a, TelemetrySample>) {
-        self.stream.queue = Some(queue);
+    /// The oldest sample of the telemetry, which the main loop is to take within a few ticks: what then has
+    /// no room is left out.
+    #[inline]
+    pub fn take_telemetry(&mut self) -> Option<TelemetrySample> {
+        self.stream.samples.pop_front()
     }
 
     /// Puts every so many ticks of an enabled arm into the telemetry, from the next one on; 0 for none.
@@ -371,10 +368,10 @@ impl<'a> Supervisor<'a> {
     /// Copies this tick into the telemetry; where nobody takes it in time it is left out.
     #[inline(never)]
     fn sample(&mut self) {
-        let (Some(queue), Some(controller)) = (&mut self.stream.queue, self.slot.look()) else {
+        let Some(controller) = self.slot.look() else {
             return;
         };
-        let _ = queue.enqueue(TelemetrySample {
+        let _ = self.stream.samples.push_back(TelemetrySample {
             tick: self.ticks_total,
             table_tick: self.outbox.tick,
             phase: controller.phase(),

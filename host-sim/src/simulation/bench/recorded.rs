@@ -202,10 +202,13 @@ impl<'a> RecordedRun<'a> {
                 self.tally.after(&row, along(reading.tip), after_s);
             }
         }
-        if self.approaches || self.begun.is_some() {
-            self.rows.push(row);
-            self.planned.push(at);
+        if !self.approaches && self.begun == Some(since) {
+            // As on the bench, a run that starts pressing begins with the table.
+            self.rows.clear();
+            self.planned.clear();
         }
+        self.rows.push(row);
+        self.planned.push(at);
     }
 
     /// The run, its rows and its figures.

@@ -15,15 +15,12 @@ use crate::simulation::bench::bench::{BenchTask, diverged, path_s};
 use crate::simulation::bench::injection::{FaultKind, TimedFault};
 use crate::simulation::bench::rig::{PERIOD_TICKS_HW, Rig};
 use flexor::control::Controller;
-use flexor::link::{
-    ClockSource, Mode, Reply, Request, Setup, StartReason, TELEMETRY_QUEUE, TelemetrySample,
-};
+use flexor::link::{ClockSource, Mode, Reply, Request, Setup, StartReason, TelemetrySample};
 use flexor::supervisor::{
     BoardConstants, BoardFacts, BoardHealth, ControllerSlot, Event, Exclusive, MemoryBoard,
     MonitoredController, Mutex, RequestHandler, SafetyLimits, Services, Supervisor,
 };
 use flexor::table::{Slot, SlotError, Table, open_slot};
-use heapless::spsc::{Consumer, Queue};
 
 /// What a virtual board is made of, and where.
 pub struct VirtualSetting<'a> {
@@ -79,12 +76,8 @@ impl<'a> VirtualSetting<'a> {
 /// What is read of a slot in erased flash.
 const ERASED: [u8; 64] = [0xff; 64];
 
-/// Where what a virtual board's tick and its main loop share lives: controllers, and telemetry.
-#[derive(Default)]
-pub struct VirtualPlaces<'a> {
-    controllers: [Option<MonitoredController<'a>>; 2],
-    telemetry: Queue<TelemetrySample, TELEMETRY_QUEUE>,
-}
+/// Where the controllers of a virtual board live.
+pub type VirtualPlaces<'a> = [Option<MonitoredController<'a>>; 2];
 
 /// A run: ticks since enabling, ticks since the brakes opened, and the tick of those with which the
 /// table began.
@@ -106,7 +99,6 @@ pub struct VirtualBoard<'a> {
     handler: RequestHandler<'a>,
     course: Option<Course>,
     health: BoardHealth,
-    telemetry: Consumer<'a, TelemetrySample>,
 }
 
 impl<'a> VirtualBoard<'a> {
@@ -120,16 +112,14 @@ impl<'a> VirtualBoard<'a> {
     ) -> Result<Self, BenchError> {
         let constants = &setting.constants;
         let (plant, reading, mut rig) = at_start(setting)?;
-        let [running, next] = &mut places.controllers;
-        let (sampled, telemetry) = places.telemetry.split();
-        let mut supervisor = Supervisor::new(
+        let [running, next] = places;
+        let supervisor = Supervisor::new(
             &mut rig.board,
             ControllerSlot::new(running),
             &constants.safety,
             &constants.calibration,
             constants.tick_rate_hz,
         );
-        supervisor.set_telemetry(sampled);
         let stopwatch_hz = PERIOD_TICKS_HW * constants.tick_rate_hz;
         let facts = BoardFacts {
             version: version(),
@@ -151,7 +141,6 @@ impl<'a> VirtualBoard<'a> {
             handler: RequestHandler::new(Some(&setting.setup), constants, facts, prepared),
             course: None,
             health: BoardHealth::default(),
-            telemetry,
         })
     }
 
@@ -185,7 +174,7 @@ impl<'a> VirtualBoard<'a> {
 
     /// The oldest sample of the telemetry that waits.
     pub fn telemetry(&mut self) -> Option<TelemetrySample> {
-        self.telemetry.dequeue()
+        self.supervisor.take_telemetry()
     }
 
     /// What it is doing.
