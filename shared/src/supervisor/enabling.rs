@@ -437,7 +437,7 @@ mod tests {
         let told = |inputs: &EnableInputs| {
             let mut told = std::vec![];
             each_obstacle(&LIMITS, inputs, Some(&motors()), |refusal| {
-                told.push(refusal)
+                told.push(refusal);
             });
             assert_eq!(
                 told.first().copied(),

@@ -172,13 +172,11 @@ impl<'a> RequestHandler<'a> {
             Request::Hello => return self.identity(services),
             Request::Status => return status(supervisor, services.health()),
             Request::Sensors => return Reply::Sensors(supervisor.lock(|s| s.sensors())),
-            Request::KeepAlive { session } => {
-                if session == self.session {
-                    supervisor.lock(Supervisor::link_alive);
-                    return status(supervisor, services.health());
-                }
-                Err(Refusal::OtherSession)
+            Request::KeepAlive { session } if session == self.session => {
+                supervisor.lock(Supervisor::link_alive);
+                return status(supervisor, services.health());
             }
+            Request::KeepAlive { .. } => Err(Refusal::OtherSession),
             Request::Check { slot, program } => {
                 return Reply::Obstacles(self.obstacles(slot, program, supervisor, services));
             }
@@ -190,12 +188,8 @@ impl<'a> RequestHandler<'a> {
                 slot,
                 program,
                 session,
-            } => match self.enable(slot, program, supervisor, services) {
-                Ok((slot, table)) => {
-                    self.session = session;
-                    services.note(&Event::Enabled(slot, table));
-                    return Reply::Enabled { slot, table };
-                }
+            } => match self.enable((slot, program, session), supervisor, services) {
+                Ok(enabled) => return enabled,
                 Err(refusal) => Err(refusal),
             },
             Request::Disable => {
@@ -241,11 +235,10 @@ impl<'a> RequestHandler<'a> {
 
     fn enable(
         &mut self,
-        slot: Option<Slot>,
-        named: Program,
+        (slot, named, session): (Option<Slot>, Program, u32),
         supervisor: &mut impl Mutex<T = Supervisor<'a>>,
-        services: &impl Services<'a>,
-    ) -> Result<(Slot, TableIdentity), Refusal> {
+        services: &mut impl Services<'a>,
+    ) -> Result<Reply, Refusal> {
         if supervisor.lock(|s| s.status().mode) != Mode::Disabled {
             return Err(Refusal::Busy);
         }
@@ -260,7 +253,10 @@ impl<'a> RequestHandler<'a> {
         check_torque_bound(table.torque_bound(), &parameters.limits)?;
         self.prepare(&table, &parameters)?;
         supervisor.lock(|s| s.enable(&mut self.prepared))?;
-        Ok((slot, TableIdentity::from(&table)))
+        self.session = session;
+        let table = TableIdentity::from(&table);
+        services.note(&Event::Enabled(slot, table));
+        Ok(Reply::Enabled { slot, table })
     }
 
     /// Whether this table with this image's settings is what the host has named.
