@@ -9,7 +9,7 @@ use flexor::link::{
     ClockSource, FRAME_MAX, FrameErrors, Identity, Receiver, Reply, Request, StartReason, Status,
     VERSION, encode,
 };
-use flexor::link::{Interlocks, Mode, Refusal, RunStatus, SensorReport};
+use flexor::link::{Interlocks, Mode, Program, Refusal, RunStatus, SensorReport};
 use flexor::phase::Phase;
 use flexor::signals::Measurement;
 use flexor::table::{Slot, SlotError, TableIdentity};
@@ -25,7 +25,7 @@ use std::time::Duration;
 
 mod fake_board;
 
-use fake_board::{Board, Fake, IDENTITY, failed, interrupt, text};
+use fake_board::{Board, Fake, IDENTITY, KEEP_ALIVE, enable, failed, interrupt, text};
 
 #[test]
 fn identity_status_and_sensors_are_told_in_words_and_json() {
@@ -115,8 +115,8 @@ fn an_enabled_table_is_attended_to_its_end_and_disabled() {
         assert!(words.ends_with("completed, disabled\n"), "{words}");
         // In a pipe there is no progress bar.
         assert_eq!(text(&output.stderr).lines().count(), 1);
-        let mut expected = vec![Request::Enable { slot }];
-        expected.extend([Request::Status; 5]);
+        let mut expected = vec![enable(slot)];
+        expected.extend([KEEP_ALIVE; 5]);
         expected.push(Request::Disable);
         assert_eq!(board.asked(), expected);
     }
@@ -170,8 +170,7 @@ fn a_refusal_is_told_and_nothing_is_to_be_disabled() {
     let output = board.run(&["enable"]);
     failed(&output, &["refused", "[0.5, -0.25, 0.0] rad", "first row"]);
     assert!(output.stdout.is_empty());
-    let enable = Request::Enable { slot: None };
-    assert_eq!(board.asked(), [enable, Request::Status]);
+    assert_eq!(board.asked(), [enable(None), Request::Status]);
 }
 
 #[test]
@@ -200,7 +199,7 @@ fn an_arm_that_can_is_brought_to_stand_before_it_is_disabled() {
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert!(text(&output.stdout).ends_with("completed, disabled\n"));
     let asked = board.asked();
-    let statuses = asked.iter().filter(|r| **r == Request::Status).count();
+    let statuses = asked.iter().filter(|r| **r == KEEP_ALIVE).count();
     // Five to the end, and then two that find it standing.
     assert!(statuses >= 7, "{asked:?}");
     assert_eq!(asked.last(), Some(&Request::Disable));
@@ -217,7 +216,7 @@ fn an_arm_that_can_is_brought_to_stand_before_it_is_disabled() {
         &["(no_contact) after tick 20 of 50"],
     );
     let asked = board.asked();
-    let statuses = asked.iter().filter(|r| **r == Request::Status).count();
+    let statuses = asked.iter().filter(|r| **r == KEEP_ALIVE).count();
     assert_eq!((statuses, asked.last()), (2, Some(&Request::Disable)));
     // By another's request.
     let mut board = Board {
@@ -295,7 +294,7 @@ fn a_board_that_starts_again_or_is_disabled_by_another_ends_the_run() {
     let run = |instead: fn(&mut Board) -> Reply| {
         let mut board = Board::NEW;
         Fake::new(move |request| match request {
-            Request::Status if board.tick == 20 => Some(instead(&mut board)),
+            Request::KeepAlive { .. } if board.tick == 20 => Some(instead(&mut board)),
             other => Some(board.answer(other)),
         })
     };
@@ -320,7 +319,7 @@ fn a_board_that_falls_silent_is_disabled_if_it_still_hears() {
     // Enables, and answers nothing but what disables from then on.
     let mut board = Board::NEW;
     let deaf = Fake::new(move |request| match request {
-        Request::Status if board.mode == Mode::Enabled => None,
+        Request::KeepAlive { .. } if board.mode == Mode::Enabled => None,
         other => Some(board.answer(other)),
     });
     let output = deaf.start(&["enable", "--timeout-s", "0.3"]);
@@ -356,7 +355,7 @@ fn an_answer_to_enable_that_gets_lost_is_followed_by_disabling() {
     let output = board.start(&["enable", "--timeout-s", "0.3"]);
     failed(&output.wait_with_output().unwrap(), &["no answer"]);
     let asked = board.asked();
-    assert_eq!(asked, [Request::Enable { slot: None }, Request::Disable]);
+    assert_eq!(asked, [enable(None), Request::Disable]);
 }
 
 #[test]
@@ -441,7 +440,12 @@ fn a_wrong_command_line_is_code_2() {
         "status",
         "sensors",
         "enable",
+        "check",
+        "run",
         "home",
+        "pause",
+        "resume",
+        "retract",
         "disable",
         "acknowledge",
     ] {

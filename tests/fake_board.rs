@@ -14,6 +14,7 @@ pub(super) const IDENTITY: Identity = Identity {
     git: [0x12, 0x34, 0xab, 0xcd],
     modified: true,
     arm_fingerprint: Some(0xa),
+    setup_crc: Some(0xc),
     slots: [Ok(TABLE), Err(SlotError::Crc)],
     tick_rate_hz: 5000,
     core_hz: 168_000_000,
@@ -21,6 +22,13 @@ pub(super) const IDENTITY: Identity = Identity {
     ticks_hw_per_1000_nops: 500,
     clock: ClockSource::Crystal,
     start: StartReason::Watchdog,
+};
+
+/// What it runs.
+pub(super) const PROGRAM: Program = Program {
+    table_crc: TABLE.crc,
+    task_fingerprint: TABLE.task_fingerprint,
+    setup_crc: 0xc,
 };
 
 /// A board in memory.
@@ -33,6 +41,8 @@ pub(super) struct Board {
     /// Where the run is, with a law that has a motion: what follows at each status that comes.
     pub(super) phase: Option<Phase>,
     pub(super) paused: bool,
+    /// Who has enabled it.
+    pub(super) session: Option<u32>,
 }
 
 impl Board {
@@ -43,6 +53,7 @@ impl Board {
         pace: 10,
         phase: None,
         paused: false,
+        session: None,
     };
 
     /// With the hybrid law.
@@ -53,9 +64,16 @@ impl Board {
 
     /// As the firmware answers.
     pub(super) fn answer(&mut self, request: &Request) -> Reply {
+        if let Request::KeepAlive { session } = request {
+            assert_eq!(
+                Some(*session),
+                self.session,
+                "whoever enabled keeps it alive"
+            );
+        }
         match request {
             Request::Hello => Reply::Identity(IDENTITY),
-            Request::Status => {
+            Request::Status | Request::KeepAlive { .. } => {
                 let goes_on = !self.paused && matches!(self.phase, None | Some(Phase::Follow));
                 if self.mode == Mode::Enabled && goes_on {
                     self.tick = (self.tick + self.pace).min(TABLE.ticks);
@@ -88,7 +106,13 @@ impl Board {
                     logs_lost: 0,
                 })
             }
-            Request::Enable { slot } => {
+            Request::Enable {
+                slot,
+                program,
+                session,
+            } => {
+                assert!(*slot == Some(Slot::B) || *program == PROGRAM);
+                self.session = Some(*session);
                 self.mode = Mode::Enabled;
                 Reply::Enabled {
                     slot: slot.unwrap_or(Slot::A),
@@ -139,6 +163,23 @@ impl Board {
             }),
             other => panic!("flexor board asks {other:?}"),
         }
+    }
+}
+
+/// The requests of an anonymous session.
+pub(super) const KEEP_ALIVE: Request = Request::KeepAlive { session: 0 };
+
+/// To enable a slot in it.
+pub(super) fn enable(slot: Option<Slot>) -> Request {
+    // Slot B has nothing that is usable.
+    let program = match slot {
+        Some(Slot::B) => Program::default(),
+        _ => PROGRAM,
+    };
+    Request::Enable {
+        slot,
+        program,
+        session: 0,
     }
 }
 
@@ -217,9 +258,22 @@ impl Fake {
         serde_json::from_slice(&output.stdout).unwrap()
     }
 
-    /// All requests so far, in order, without those that every command begins with.
+    /// All requests so far, in order, without those that every command begins with; sessions are of no
+    /// matter.
     pub(super) fn asked(&self) -> Vec<Request> {
-        self.asked.lock().unwrap()[2..].to_vec()
+        let anonymous = |request: &Request| match *request {
+            Request::Enable { slot, program, .. } => Request::Enable {
+                slot,
+                program,
+                session: 0,
+            },
+            Request::KeepAlive { .. } => KEEP_ALIVE,
+            other => other,
+        };
+        self.asked.lock().unwrap()[2..]
+            .iter()
+            .map(anonymous)
+            .collect()
     }
 
     /// Waits until so many requests have come from the command, which must not end before.

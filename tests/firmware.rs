@@ -4,7 +4,8 @@
 use flexor::control::{LawParameters, LimitParameters, PaperParameters};
 use flexor::fault::Fault;
 use flexor::link::{
-    ClockSource, FRAME_MAX, Mode, RawSample, Refusal, Reply, Request, Setup, StartReason, encode,
+    ClockSource, FRAME_MAX, Mode, Program, RawSample, Refusal, Reply, Request, Setup, StartReason,
+    encode,
 };
 use flexor::signals::Measurement;
 use flexor::supervisor::{ControllerParameters, MonitorParameters, Sensing};
@@ -190,8 +191,23 @@ fn seal(table: &mut [u8]) {
     table[44..48].copy_from_slice(&digest.finalize().to_le_bytes());
 }
 
-/// A request to enable the drives with any slot's table.
-const ENABLE: Request = Request::Enable { slot: None };
+/// A request to enable the drives with a slot's table, or without one any that is usable, as it is.
+fn enable(target: &Target, slot: Option<Slot>) -> Request {
+    let slots = slot.map_or(Slot::ALL.to_vec(), |slot| vec![slot]);
+    let mut programs = slots
+        .iter()
+        .filter_map(|slot| Program::of(target.identity(), *slot));
+    Request::Enable {
+        slot,
+        program: programs.next().unwrap_or_default(),
+        session: 1,
+    }
+}
+
+fn ask_to_enable(target: &mut Target, slot: Option<Slot>) -> Reply {
+    let request = enable(target, slot);
+    ask(target, request)
+}
 
 fn ask(target: &mut Target, request: Request) -> Reply {
     target.ask(&request, "reply").unwrap()
@@ -227,19 +243,19 @@ fn without_released_stop_it_does_not_enable() {
     let mut target = boot(untouched, Some(&good));
     let stop = Reply::Refused(Refusal::Cause(Fault::EmergencyStop));
     for slot in [None, Some(Slot::A), Some(Slot::B)] {
-        assert_eq!(ask(&mut target, Request::Enable { slot }), stop);
+        assert_eq!(ask_to_enable(&mut target, slot), stop);
         assert_eq!(target.status().unwrap().mode, Mode::Disabled);
     }
     // A slot that was asked for is never replaced by the other.
     let mut target = boot(untouched, None);
     let (a, b) = (Some(Slot::A), Some(Slot::B));
     let refused = Reply::Refused(Refusal::Table(SlotError::Magic));
-    assert_eq!(ask(&mut target, Request::Enable { slot: a }), stop);
-    assert_eq!(ask(&mut target, Request::Enable { slot: b }), refused);
+    assert_eq!(ask_to_enable(&mut target, a), stop);
+    assert_eq!(ask_to_enable(&mut target, b), refused);
     let mut target = boot(|table| table[0] ^= 1, Some(&good));
-    assert_eq!(ask(&mut target, Request::Enable { slot: a }), refused);
-    assert_eq!(ask(&mut target, Request::Enable { slot: b }), stop);
-    assert_eq!(ask(&mut target, ENABLE), stop);
+    assert_eq!(ask_to_enable(&mut target, a), refused);
+    assert_eq!(ask_to_enable(&mut target, b), stop);
+    assert_eq!(ask_to_enable(&mut target, None), stop);
 }
 
 #[test]
@@ -317,7 +333,7 @@ fn a_bad_table_is_named_and_the_other_slot_used() {
         let mut alone = boot(change, None);
         assert_eq!(alone.identity().slots[0], Err(error));
         let refused = Reply::Refused(Refusal::NoTable(error, SlotError::Magic));
-        assert_eq!(ask(&mut alone, ENABLE), refused);
+        assert_eq!(ask_to_enable(&mut alone, None), refused);
         assert!(matches!(
             alone.start(Slot::A, &setup()),
             Err(TargetError::Refused(Refusal::Table(found))) if found == error
@@ -327,7 +343,7 @@ fn a_bad_table_is_named_and_the_other_slot_used() {
         assert!(with_b.identity().slots[1].is_ok());
         // Past the table, to the next thing that is missing.
         let refused = Reply::Refused(Refusal::Cause(Fault::EmergencyStop));
-        assert_eq!(ask(&mut with_b, ENABLE), refused);
+        assert_eq!(ask_to_enable(&mut with_b, None), refused);
         with_b.start(Slot::B, &setup()).unwrap();
     }
 }
@@ -357,7 +373,10 @@ fn lock_step_begins_and_ends_on_request() {
     assert_eq!(ask(&mut target, Request::StopLockStep), refused);
     for end in [Request::StopLockStep, Request::Disable] {
         target.start(Slot::A, &setup()).unwrap();
-        assert_eq!(ask(&mut target, ENABLE), Reply::Refused(Refusal::Busy));
+        assert_eq!(
+            ask_to_enable(&mut target, None),
+            Reply::Refused(Refusal::Busy)
+        );
         for sequence in 0..3 {
             let reply = target.tick(sequence, &measured).unwrap();
             assert_eq!(reply.tick, sequence);
@@ -495,7 +514,7 @@ fn the_log_comes_decoded_over_the_link() {
     let (mut bytes, range) = image();
     bytes[range.start] ^= 1;
     let mut target = boot_logged(&bytes, None, &folder, Some(logs));
-    ask(&mut target, ENABLE);
+    ask_to_enable(&mut target, None);
     let has = |words: &str| lines.borrow().iter().any(|line| line.contains(words));
     // The log may lag behind the answers.
     let deadline = Instant::now() + Duration::from_secs(60);

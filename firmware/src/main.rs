@@ -40,11 +40,11 @@ mod app {
         CALIBRATION, RECEIVE_QUEUE, SAFETY, TICK_RATE_HZ, TRANSMIT_QUEUE, WAKE_CYCLES,
     };
     use crate::board::{Peripherals, Serial, TickBoard, Watchdog};
-    use crate::comms::{Comms, LineErrors};
+    use crate::comms::Here;
     use crate::{calibrate, comms, crash_record, flash_slots, log, stack};
     use cortex_m::peripheral::syst::SystClkSource;
     use flexor::link::{FRAME_MAX, Mode, Receiver, Reply, Request};
-    use flexor::supervisor::{ControllerSlot, MonitoredController, Supervisor};
+    use flexor::supervisor::{ControllerSlot, MonitoredController, RequestHandler, Supervisor};
     use heapless::spsc::{Consumer, Producer, Queue};
     use stm32f4xx_hal::pac::Interrupt;
 
@@ -60,7 +60,7 @@ mod app {
         board: TickBoard,
         serial: Serial,
         watchdog: Watchdog,
-        comms: Comms,
+        requests: RequestHandler<'static>,
         received: Producer<'static, u8>,
         to_send: Consumer<'static, u8>,
         from_host: Consumer<'static, u8>,
@@ -80,7 +80,7 @@ mod app {
         let start = crash_record::take(peripherals.watchdog_reset);
         let nops = calibrate(&peripherals.tick);
         let prepared = ControllerSlot::new(context.local.prepared);
-        let comms = Comms::new(&peripherals.clocks, nops, start, prepared);
+        let requests = comms::handler(&peripherals.clocks, nops, start, prepared);
         let mut watchdog = peripherals.watchdog;
         watchdog.start();
         let mut systick = core.SYST;
@@ -108,7 +108,7 @@ mod app {
             board: peripherals.tick,
             serial: peripherals.serial,
             watchdog,
-            comms,
+            requests,
             received,
             to_send,
             from_host,
@@ -154,7 +154,7 @@ mod app {
     fn wake(_: wake::Context) {}
 
     /// Answers requests and feeds the watchdog.
-    #[idle(shared = [supervisor, bytes_lost], local = [watchdog, comms, from_host, to_host])]
+    #[idle(shared = [supervisor, bytes_lost], local = [watchdog, requests, from_host, to_host])]
     fn idle(mut context: idle::Context) -> ! {
         let local = context.local;
         let supervisor = &mut context.shared.supervisor;
@@ -173,7 +173,17 @@ mod app {
         // The host may have been listening before this started. What the line carried during
         // the reset must not spoil the first frame: a zero ends it.
         let _ = to_host.enqueue(0);
-        let identity = local.comms.identity();
+        let here = |frames, bytes_lost| Here {
+            pend: || {
+                rtic::pend(Interrupt::TIM2);
+                // Taken before anything that follows.
+                cortex_m::asm::dsb();
+                cortex_m::asm::isb();
+            },
+            frames,
+            bytes_lost,
+        };
+        let identity = local.requests.identity(&mut here(receiver.errors(), 0));
         send(to_host, &identity);
         loop {
             if supervisor.lock(Supervisor::tick_advanced) {
@@ -191,7 +201,12 @@ mod app {
                     None => defmt::info!("fault acknowledged"),
                 }
             }
-            // The log waits for the answers: a reply and an entry always fit together.
+            // Telemetry and log wait for the answers: a reply and one of them always fit together.
+            while to_host.capacity() - to_host.len() >= 2 * FRAME_MAX
+                && let Some(sample) = supervisor.lock(Supervisor::take_telemetry)
+            {
+                send(to_host, &Reply::Telemetry(sample));
+            }
             if to_host.capacity() - to_host.len() >= 2 * FRAME_MAX
                 && let Some(entry) = log::take()
             {
@@ -208,16 +223,9 @@ mod app {
                 continue;
             };
             if let Some(request) = receiver.push::<Request>(byte) {
-                let line = LineErrors {
-                    frames: receiver.errors(),
-                    bytes_lost: context.shared.bytes_lost.lock(|count| *count),
-                };
-                let reply = local.comms.answer(&request, supervisor, line, || {
-                    rtic::pend(Interrupt::TIM2);
-                    // Taken before anything that follows.
-                    cortex_m::asm::dsb();
-                    cortex_m::asm::isb();
-                });
+                let bytes_lost = context.shared.bytes_lost.lock(|count| *count);
+                let mut services = here(receiver.errors(), bytes_lost);
+                let reply = local.requests.answer(&request, supervisor, &mut services);
                 send(to_host, &reply);
             }
         }

@@ -119,6 +119,11 @@ pub(crate) fn plan_files(files: &Files) -> Result<Demo> {
         bytes <= SLOT_BYTES,
         "the table has {bytes} bytes, a slot takes {SLOT_BYTES}: a shorter duration_s is accepted"
     );
+    // As `flexor` has them: the limits of a board that was named are in the settings' checksum.
+    let limits = match &files.board {
+        Some(_) => limits.at_most(board.parameters.drive_limit_nm()),
+        None => limits,
+    };
     let setup = ControllerParameters {
         arm: arm.arm,
         law,

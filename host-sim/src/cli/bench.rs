@@ -14,7 +14,10 @@ use crate::files::config::{
 use crate::files::export;
 use crate::planner::plan::Plan;
 use crate::planner::task::{Task, Travel};
-use crate::simulation::bench::{self, BenchArm, BenchBoard, BenchLog, BenchTask, RunFigures, Then};
+use crate::simulation::bench::{
+    self, BenchArm, BenchBoard, BenchLog, BenchRow, BenchTask, RunFigures, Then,
+};
+use crate::simulation::closed_loop::Run;
 use crate::text::{Shortest, four_digits};
 use clap::Args;
 use flexor::control::LawParameters;
@@ -423,23 +426,47 @@ impl Bench {
         let (run, rows) = log.finish(&figures, arm);
         let run_ms = since.elapsed().as_secs_f64() * 1e3;
 
+        let mut more = keys;
+        more.insert("plant_elements".into(), json!(run.elements));
+        let mut all = facts;
+        all.extend(facts_of(&figures, run.elements));
+        let recorded = (&run, &rows[..], &figures);
+        self.write(
+            output,
+            (title, made),
+            (more, all),
+            recorded,
+            (json, Some(run_ms)),
+        )?;
+        Ok(figures)
+    }
+
+    /// Writes everything of a run, all that `output` gets, and prints the result. `keys` and `facts` are
+    /// what is particular to it; simulated ones took so many milliseconds.
+    pub(super) fn write(
+        &self,
+        output: Output,
+        (title, made): (&str, &Provenance),
+        (keys, facts): (Map<String, Value>, Vec<(String, String)>),
+        (run, rows, figures): (&Run, &[BenchRow], &RunFigures),
+        (json, run_ms): (bool, Option<f64>),
+    ) -> Result<(), CliError> {
+        let plan = &self.planned.plan;
         let mut summary = export::summary_json(&run.summary);
-        summary.extend(export::bench_json(&figures));
+        summary.extend(export::bench_json(figures));
         summary.extend(self.planned.json());
         summary.extend(keys);
-        summary.insert("plant_elements".into(), json!(run.elements));
         let summary = made.summary(summary);
         output.write("plan.csv", |w| export::plan_csv(plan, w))?;
         output.write("table.bin", |w| w.write_all(&self.planned.table.image))?;
-        output.write("run.csv", |w| export::bench_csv(&rows, w))?;
+        output.write("run.csv", |w| export::bench_csv(rows, w))?;
         output.json("summary.json", &summary)?;
         let mut all = self.planned.facts();
         all.extend(facts);
-        all.extend(facts_of(&figures, run.elements));
         let name = law_name(&self.law);
         let page = pages::RunsContent {
             title,
-            cases: &[(name, "bench", plan, &run)],
+            cases: &[(name, "bench", plan, run)],
             shown: 0,
             facts: &all,
             provenance: &made.facts(),
@@ -448,17 +475,16 @@ impl Bench {
         output.commit()?;
         if json {
             let mut timing = self.planned.timing();
-            timing.insert("run_ms".into(), json!(run_ms));
-            print(with_timing(&summary, timing))?;
-        } else {
-            print_facts(&all)?;
-            let took = ("simulated in".to_string(), format!("{run_ms:.0} ms"));
-            print_facts(&[self.planned.took(), took])?;
-            print("")?;
-            print(results([(name, "bench", &run)]))?;
-            print(format_args!("\n{place}"))?;
+            timing.extend(run_ms.map(|run_ms| ("run_ms".into(), json!(run_ms))));
+            return print(with_timing(&summary, timing));
         }
-        Ok(figures)
+        print_facts(&all)?;
+        let took = run_ms.map(|run_ms| ("simulated in".to_string(), format!("{run_ms:.0} ms")));
+        let times: Vec<_> = [self.planned.took()].into_iter().chain(took).collect();
+        print_facts(&times)?;
+        print("")?;
+        print(results([(name, "bench", run)]))?;
+        print(format_args!("\n{place}"))
     }
 }
 

@@ -14,12 +14,17 @@ pub(super) struct ConnectionArgs {
     /// The firmware's image: what QEMU boots, and the log's symbols
     #[arg(long, value_name = "FILE", default_value = DEFAULT_ELF, global = true)]
     elf: PathBuf,
-    /// A board on this serial port instead of QEMU
+    /// A board on this serial port instead of QEMU, or at tcp://HOST:PORT
     #[arg(long, value_name = "PORT", global = true)]
     port: Option<String>,
 }
 
 impl ConnectionArgs {
+    /// Whether a board is named.
+    pub(super) fn is_named(&self) -> bool {
+        self.port.is_some()
+    }
+
     /// Opens the port, or starts QEMU with a table in slot B. The firmware's log goes to
     /// standard error, past the bar. A board may take `timeout` to answer.
     pub(super) fn open(
@@ -35,10 +40,17 @@ impl ConnectionArgs {
         match &self.port {
             // A board can do without the image; its log cannot be read then.
             Some(port) => {
-                if let Err(error) = &logs {
+                let (logs, none) = match logs {
+                    Ok(logs) => (Some(logs), None),
+                    Err(error) => (None, Some(error)),
+                };
+                let target = Target::on_port(port, timeout, logs);
+                // A virtual board has no log.
+                let silent = target.as_ref().map(Target::is_virtual).unwrap_or(false);
+                if let (Some(error), false) = (none, silent) {
                     say(format_args!("no log: {error}"));
                 }
-                Target::on_port(port, timeout, logs.ok())
+                target
             }
             None => {
                 let emulation = Emulation {

@@ -14,9 +14,9 @@ use crate::planner::task::PlanError;
 use crate::simulation::bench::BenchError;
 use crate::simulation::closed_loop::{Outcome, RunError};
 #[cfg(feature = "target")]
-use crate::target::TargetError;
-#[cfg(feature = "target")]
 use crate::target::pil::PilError;
+#[cfg(feature = "target")]
+use crate::target::{ServeError, TargetError};
 use crate::text::{Shortest, four_digits, round_away_from_zero};
 #[cfg(feature = "target")]
 use flexor::fault::Fault;
@@ -143,6 +143,9 @@ pub(super) enum CliError {
     Pil(#[from] PilError),
     #[cfg(feature = "target")]
     #[error(transparent)]
+    Serve(#[from] ServeError),
+    #[cfg(feature = "target")]
+    #[error(transparent)]
     Board(#[from] BoardError),
     #[cfg(feature = "target")]
     #[error(
@@ -213,6 +216,7 @@ impl CliError {
                 | PilError::Run(_)
                 | PilError::Target(
                     TargetError::NoImage { .. }
+                    | TargetError::Address { .. }
                     | TargetError::NoLogTable { .. }
                     | TargetError::TableTooLong { .. }
                     | TargetError::Port { .. }
@@ -221,6 +225,8 @@ impl CliError {
             ) => 2,
             #[cfg(feature = "target")]
             Self::Board(error) => error.exit_code(),
+            #[cfg(feature = "target")]
+            Self::Serve(_) => 2,
             // No gains found, or the optimiser's failure, is none of the user's.
             Self::Stability(StabilityError::NotTuned { .. } | StabilityError::Optimiser(_)) => 1,
             Self::Stability(_) => 2,
@@ -253,6 +259,8 @@ pub(super) enum BoardError {
         fault.number()
     )]
     Fault { fault: Fault, tick: u32, ticks: u32 },
+    #[error("{count} {} in the way of enabling", if *count == 1 { "thing is" } else { "things are" })]
+    Obstacles { count: usize },
     #[error("somebody else disabled it after tick {tick} of {ticks}")]
     Disabled { tick: u32, ticks: u32 },
     #[error("the run was ended after tick {tick} of {ticks}, and not by this command; disabled")]
@@ -272,6 +280,7 @@ impl BoardError {
         match self {
             Self::Target(
                 TargetError::NoImage { .. }
+                | TargetError::Address { .. }
                 | TargetError::NoLogTable { .. }
                 | TargetError::Port { .. },
             ) => 2,

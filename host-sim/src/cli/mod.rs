@@ -27,6 +27,8 @@ mod provenance;
 mod run;
 mod shell;
 mod signals;
+#[cfg(feature = "target")]
+mod virtual_board;
 
 #[cfg(feature = "target")]
 use self::error::BoardError;
@@ -110,6 +112,13 @@ enum Command {
     /// Writes manual pages, one a command.
     #[command(after_help = "Example: flexor man --out ~/.local/share/man/man1")]
     Man(shell::ManArgs),
+    #[cfg(feature = "target")]
+    /// A board before a simulated arm, for `flexor board` and other programs: the firmware's own
+    /// supervisor and answers, on a pseudo-terminal or on TCP. Prints where, and runs until Ctrl-C.
+    #[command(
+        after_help = "Example: flexor virtual-board --scenario examples/scenarios/approach.toml --listen 127.0.0.1:7070\n\nThen, from another terminal: flexor board home --port tcp://127.0.0.1:7070, and flexor board enable. Home puts the arm to where the scenario starts."
+    )]
+    VirtualBoard(Box<virtual_board::VirtualBoardArgs>),
 }
 
 /// Files and places that every command takes.
@@ -174,6 +183,8 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Some(Command::Board(args)) => board::board(&args),
         Some(Command::Completions(args)) => shell::completions(&args),
         Some(Command::Man(args)) => shell::man(&args),
+        #[cfg(feature = "target")]
+        Some(Command::VirtualBoard(args)) => virtual_board::virtual_board(&args),
     };
     match result {
         Ok(()) => 0,

@@ -47,6 +47,16 @@ pub enum TargetError {
         /// Why not.
         source: serialport::Error,
     },
+    /// There is nobody at the address.
+    #[error(
+        "cannot connect to {port}: {source}; accepted: tcp://HOST:PORT of a `flexor virtual-board --listen HOST:PORT` that runs"
+    )]
+    Address {
+        /// Its name.
+        port: String,
+        /// Why not.
+        source: io::Error,
+    },
     /// A board does not answer.
     #[error(
         "{port}: no answer at {BAUD} baud within {:.1} s{}: is the board powered and flashed, and are transmit and receive the right way round?",

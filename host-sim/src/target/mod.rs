@@ -1,4 +1,4 @@
-//! The firmware's image in QEMU, or a board on a serial line.
+//! The firmware's image in QEMU, a board on a serial line or on TCP, or a virtual one.
 
 #[cfg(feature = "target")]
 mod error;
@@ -16,6 +16,12 @@ mod session;
 #[cfg(feature = "target")]
 #[expect(clippy::module_inception, reason = "the wing's main file has its name")]
 mod target;
+#[cfg(feature = "target")]
+mod virtual_line;
+#[cfg(feature = "target")]
+mod virtual_server;
+#[cfg(feature = "target")]
+mod virtual_within;
 
 #[cfg(feature = "target")]
 pub use error::{TargetError, describe_start};
@@ -26,3 +32,7 @@ pub use log::Logs;
 pub use qemu::Emulation;
 #[cfg(feature = "target")]
 pub use target::Target;
+#[cfg(feature = "target")]
+pub use virtual_server::{Listen, ServeError, serve};
+#[cfg(feature = "target")]
+pub use virtual_within::{LineWithin, start_within};

@@ -3,7 +3,7 @@
 use super::error::TargetError;
 use super::line::SerialLine;
 use super::log::Logs;
-use flexor::link::{FRAME_MAX, Identity, Receiver, Reply, Request, encode};
+use flexor::link::{FRAME_MAX, Identity, Receiver, Reply, Request, TelemetrySample, encode};
 use std::collections::VecDeque;
 use std::io;
 use std::time::{Duration, Instant};
@@ -20,24 +20,27 @@ pub(super) struct Session {
     received: u64,
     /// Replies that have been read with those before them.
     waiting: VecDeque<Reply>,
+    /// Telemetry that has been read.
+    telemetry: Vec<TelemetrySample>,
     logs: Option<Logs>,
 }
 
 impl Session {
     /// A session on a line, of the serial port so called, that waits for each reply so long.
     pub(super) fn new(
-        line: impl SerialLine + 'static,
+        line: Box<dyn SerialLine>,
         port: Option<String>,
         timeout: Duration,
         logs: Option<Logs>,
     ) -> Self {
         Self {
-            line: Box::new(line),
+            line,
             port,
             timeout,
             receiver: Receiver::new(),
             received: 0,
             waiting: VecDeque::new(),
+            telemetry: Vec::new(),
             logs,
         }
     }
@@ -50,6 +53,11 @@ impl Session {
     ) -> Result<Reply, TargetError> {
         self.send(request, awaited)?;
         self.reply(awaited)
+    }
+
+    /// The telemetry that has come since the last call.
+    pub(super) fn take_telemetry(&mut self) -> Vec<TelemetrySample> {
+        core::mem::take(&mut self.telemetry)
     }
 
     /// Sends a request.
@@ -71,6 +79,12 @@ impl Session {
         self.line
             .write_all(bytes)
             .map_err(|source| self.failure(awaited, source))
+    }
+
+    /// Lets time pass, on the line's clock.
+    pub(super) fn pass(&mut self, time: Duration) -> Result<(), TargetError> {
+        let passed = self.line.pass(time);
+        passed.map_err(|source| self.failure("time", source))
     }
 
     /// The next reply; what is logged before it goes to the log.
@@ -100,6 +114,7 @@ impl Session {
                             logs.write_log(&entry);
                         }
                     }
+                    Some(Reply::Telemetry(sample)) => self.telemetry.push(sample),
                     reply => self.waiting.extend(reply),
                 }
             }

@@ -2,11 +2,15 @@
 //! on a serial port, that answers the requests of [`flexor::link`].
 
 use super::error::TargetError;
-use super::line::open_port;
+use super::line::{SerialLine, open_port};
 use super::log::Logs;
 use super::qemu::{Emulation, Emulator, TIMEOUT};
 use super::session::{Session, unexpected};
-use flexor::link::{Identity, Reply, Request, SensorReport, Setup, Status, TickReply};
+use super::virtual_within::LineWithin;
+use flexor::link::{
+    ClockSource, Identity, Obstacles, Program, Reply, Request, SensorReport, Setup, Status,
+    TelemetrySample, TickReply,
+};
 use flexor::signals::Measurement;
 use flexor::table::{Slot, TableIdentity};
 use std::time::Duration;
@@ -27,7 +31,7 @@ impl Target {
     /// [`TargetError`].
     pub fn emulated(emulation: &Emulation, logs: Option<Logs>) -> Result<Self, TargetError> {
         let (mut emulator, line) = Emulator::start(emulation)?;
-        let mut session = Session::new(line, None, TIMEOUT, logs);
+        let mut session = Session::new(Box::new(line), None, TIMEOUT, logs);
         // Bytes before the firmware's first are lost: it introduces itself.
         let identity = Session::identity(&session.reply("identity")?)?;
         emulator.started();
@@ -45,7 +49,24 @@ impl Target {
     /// # Errors
     /// [`TargetError::Silent`] if nobody answers; else other [`TargetError`]s.
     pub fn on_port(port: &str, timeout: Duration, logs: Option<Logs>) -> Result<Self, TargetError> {
-        let line = open_port(port, timeout)?;
+        Self::on_line(open_port(port, timeout)?, port, timeout, logs)
+    }
+
+    /// Asks who is on the `line` of a virtual board within the process.
+    ///
+    /// # Errors
+    /// [`TargetError`].
+    pub fn within(line: LineWithin, timeout: Duration) -> Result<Self, TargetError> {
+        Self::on_line(Box::new(line), "virtual board", timeout, None)
+    }
+
+    /// Asks who is on a line, of the port so called.
+    fn on_line(
+        line: Box<dyn SerialLine>,
+        port: &str,
+        timeout: Duration,
+        logs: Option<Logs>,
+    ) -> Result<Self, TargetError> {
         let mut session = Session::new(line, Some(port.to_owned()), timeout, logs);
         session.write(&[0], "identity")?; // ends what a broken run left
         // A board that has just started introduces itself once more by itself. The status
@@ -66,6 +87,19 @@ impl Target {
             counts_instructions: false,
             _emulator: None,
         })
+    }
+
+    /// Lets time pass; on a virtual board within the process its own.
+    ///
+    /// # Errors
+    /// [`TargetError`] where such a board has ended.
+    pub fn pass(&mut self, time: Duration) -> Result<(), TargetError> {
+        self.session.pass(time)
+    }
+
+    /// Whether it is a virtual board.
+    pub fn is_virtual(&self) -> bool {
+        self.identity.clock == ClockSource::Simulated
     }
 
     /// Who the microcontroller is.
@@ -96,18 +130,69 @@ impl Target {
     }
 
     /// Enables the drives and runs a slot's table, or without a slot slot A's, or slot B's
-    /// where A has none that is usable. Says which runs. From now on the microcontroller must
-    /// be asked for something every 100 ms, or it stops by itself.
+    /// where A has none that is usable, where that is `program`. Says which runs. From now on the
+    /// microcontroller must be [kept alive](Self::keep_alive) with `session` every 100 ms, or it stops
+    /// by itself.
     ///
     /// # Errors
     /// [`TargetError::Refused`] if it is not enabled; else other [`TargetError`]s, after
     /// which it may be enabled.
-    pub fn enable(&mut self, slot: Option<Slot>) -> Result<(Slot, TableIdentity), TargetError> {
-        match self.ask(&Request::Enable { slot }, "consent to enable")? {
+    pub fn enable(
+        &mut self,
+        slot: Option<Slot>,
+        program: Program,
+        session: u32,
+    ) -> Result<(Slot, TableIdentity), TargetError> {
+        let enable = Request::Enable {
+            slot,
+            program,
+            session,
+        };
+        match self.ask(&enable, "consent to enable")? {
             Reply::Enabled { slot, table } => Ok((slot, table)),
             Reply::Refused(refusal) => Err(TargetError::Refused(refusal)),
             other => Err(unexpected("consent to enable", &other)),
         }
+    }
+
+    /// Keeps an arm enabled that `session` has enabled, and asks how it is.
+    ///
+    /// # Errors
+    /// [`TargetError::Refused`] if another session has enabled it; else other [`TargetError`]s.
+    pub fn keep_alive(&mut self, session: u32) -> Result<Status, TargetError> {
+        match self.ask(&Request::KeepAlive { session }, "status")? {
+            Reply::Status(status) => Ok(status),
+            Reply::Refused(refusal) => Err(TargetError::Refused(refusal)),
+            other => Err(unexpected("status", &other)),
+        }
+    }
+
+    /// Everything that is in the way of enabling a slot's table, and of `program` where one is meant.
+    ///
+    /// # Errors
+    /// [`TargetError`].
+    pub fn check(
+        &mut self,
+        slot: Option<Slot>,
+        program: Option<Program>,
+    ) -> Result<Obstacles, TargetError> {
+        match self.ask(&Request::Check { slot, program }, "obstacles")? {
+            Reply::Obstacles(obstacles) => Ok(obstacles),
+            other => Err(unexpected("obstacles", &other)),
+        }
+    }
+
+    /// Lets it send every so many ticks of an enabled arm; 0 for none.
+    ///
+    /// # Errors
+    /// [`TargetError`].
+    pub fn stream(&mut self, every_ticks: u16) -> Result<(), TargetError> {
+        self.done(&Request::Stream { every_ticks })
+    }
+
+    /// The telemetry that has come since the last call, in order; read with the answers.
+    pub fn take_telemetry(&mut self) -> Vec<TelemetrySample> {
+        self.session.take_telemetry()
     }
 
     /// Switches the drives off, and ends lock-step. Passes over answers to earlier requests,
@@ -252,7 +337,7 @@ impl Target {
             stopwatch_hz,
             ..
         } = self.identity;
-        if self.counts_instructions {
+        if self.counts_instructions || self.is_virtual() {
             return None;
         }
         let cycles = u64::from(ticks_hw) * u64::from(core_hz) / u64::from(stopwatch_hz.max(1));

@@ -18,7 +18,7 @@ use postcard::ser_flavors::{Cobs, Slice, crc::CrcModifier};
 use serde::{Deserialize, Serialize};
 
 /// Version of the protocol, first byte of every frame.
-pub const VERSION: u8 = 5;
+pub const VERSION: u8 = 6;
 
 /// Most bytes of a frame before COBS: version, message, CRC. COBS adds one byte to each 254 begun
 /// of that, and the end one more.
@@ -199,7 +199,10 @@ mod tests {
             *count(&mut expect) += 1;
             assert!(feed(&mut receiver, bytes).is_empty());
             assert_eq!(receiver.errors(), expect);
-            let arm = Request::Enable { slot: None };
+            let arm = Request::Check {
+                slot: None,
+                program: None,
+            };
             assert_eq!(feed(&mut receiver, &frame(&arm)), [arm]);
         };
         let mut long = std::vec![1; FRAME_MAX + 1];

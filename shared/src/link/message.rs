@@ -18,7 +18,7 @@
 //! |---|---|
 //! | 0 hello | `00` |
 //! | 1 status | `01` |
-//! | 2 enable | `02`, slot as option |
+//! | 2 enable | `02`, slot as option, program: table's CRC u32, task fingerprint u32, setup's CRC u32, session u32, all varints |
 //! | 3 disable | `03` |
 //! | 4 acknowledge | `04` |
 //! | 5 start lock-step | `05`, slot, [`Setup`] |
@@ -29,6 +29,9 @@
 //! | 10 pause | `0a` |
 //! | 11 resume | `0b` |
 //! | 12 retract | `0c` |
+//! | 13 keep alive | `0d`, session u32 varint |
+//! | 14 stream | `0e`, every so many ticks u16 varint, 0 for none |
+//! | 15 check | `0f`, slot as option, program as option |
 //!
 //! A [`Measurement`] is 34 bytes: angle 2 x f32, root slope f32, root slope rate f32, force
 //! f32, motor angle 2 x f32, root moment f32, drive 2 x ([`Saturation`](crate::signals::Saturation): 0 none, 1 upper, 2 lower).
@@ -46,7 +49,7 @@
 //!
 //! | reply | bytes |
 //! |---|---|
-//! | 0 identity | `00`, [`Identity`]: firmware version 3 x u16 (varints), git 4 x u8, modified bool, arm fingerprint u32 as option, slots 2 x result of (table, [`SlotError`](crate::table::SlotError)), tick rate, core clock, stopwatch rate, ticks of the stopwatch per 1,000 nops (u32, varints), [`ClockSource`](crate::link::ClockSource), [`StartReason`](crate::link::StartReason) |
+//! | 0 identity | `00`, [`Identity`]: firmware version 3 x u16 (varints), git 4 x u8, modified bool, arm fingerprint u32 as option, setup's CRC u32 as option, slots 2 x result of (table, [`SlotError`](crate::table::SlotError)), tick rate, core clock, stopwatch rate, ticks of the stopwatch per 1,000 nops (u32, varints), [`ClockSource`](crate::link::ClockSource), [`StartReason`](crate::link::StartReason) |
 //! | 1 status | `01`, [`Status`]: [`Mode`](crate::link::Mode), tick u32, fault as option, [`RunStatus`](crate::link::RunStatus) as option ([`Phase`](crate::phase::Phase) u8, ticks of the table varint, paused bool, motion bool), ticks since start, longest tick, stack (u32), [`FrameErrors`](crate::link::FrameErrors) 5 x u32, bytes lost, log entries lost (u32), all varints |
 //! | 2 done | `02` |
 //! | 3 refused | `03`, [`Refusal`] |
@@ -54,6 +57,8 @@
 //! | 5 lock-step | `05`, table: CRC u32, arm fingerprint u32, task fingerprint u32, ticks u32, varints |
 //! | 6 log | `06`, number of bytes u8 (as varint), and those: one entry of defmt's raw encoding (wire format 4), read with the symbols of the ELF |
 //! | 7 enabled | `07`, slot, table as above |
+//! | 9 telemetry | `09`, [`TelemetrySample`]: tick, tick of the table (u32, varints), [`Phase`](crate::phase::Phase) u8, begun, brakes open (bools), fault as option, counts: encoders 2 x u16, force u16, strain u16 (varints), fresh bool; torque 2 x f32, saturation 2 x u8, force integral f32 |
+//! | 10 obstacles | `0a`, number u8, and those: [`Refusal`] |
 //! | 8 sensors | `08`, counts: encoders 2 x u16, force u16, strain u16 (varints), fresh bool; measurement; stop released, drives ok, converters off their rails, homed: bools |
 //!
 //! # Enabling
@@ -61,10 +66,21 @@
 //! After a start, and after lock-step, the positions of the joints are not known: *home* says
 //! that the arm stands at its home pose, and without it *enable* is refused.
 //! *enable* without a slot takes slot A's table, or slot B's where A has none that is usable;
-//! with a slot, that slot's and no other. *enabled* names what runs from now on. Any request
-//! keeps an enabled arm going, and 100 ms without one stop it; *status* is meant for that. At the
+//! with a slot, that slot's and no other. It names the [`Program`] that is meant, table and settings, and
+//! is refused where another is found. *enabled* names what runs from now on. *check* tells everything
+//! that is in the way at once, and enables nothing.
+//!
+//! *enable* begins a session, by a number that the host chooses. *keep alive* with that number
+//! keeps the arm going, and 100 ms without one stop it; it is answered by a status. No other request
+//! does: a host that only looks does not keep an arm enabled whose own host has gone. At the
 //! table's end the tick stays at the table's number of ticks and the last torques hold
 //! until the host disables.
+//!
+//! # Telemetry
+//!
+//! After *stream* an enabled arm's board sends a *telemetry* message every so many ticks, by itself and
+//! between answers, until the next *stream* or the next start. What the line has no time for is left
+//! out: the ticks in the samples tell.
 //!
 //! # Pause, resume, retract
 //!
@@ -81,9 +97,11 @@
 //! host's measurement in place of the sensors'. The drives stay disabled. The sequence
 //! number comes back unchanged.
 
+use crate::link::program::Program;
 use crate::link::refusal::Refusal;
 use crate::link::report::{Identity, SensorReport, Status, TickReply};
 use crate::link::setup::Setup;
+use crate::link::telemetry::TelemetrySample;
 use crate::signals::Measurement;
 use crate::table::{Slot, TableIdentity};
 use serde::{Deserialize, Serialize};
@@ -95,14 +113,17 @@ use serde::{Deserialize, Serialize};
 pub enum Request {
     /// Who are you? Answered by [`Reply::Identity`].
     Hello,
-    /// How are you? Answered by [`Reply::Status`]; keeps an enabled arm from stopping with
-    /// [`Fault::LinkTimeout`](crate::fault::Fault::LinkTimeout).
+    /// How are you? Answered by [`Reply::Status`].
     Status,
     /// Enable the drives and run a table from its first tick. Answered by
     /// [`Reply::Enabled`].
     Enable {
         /// Where the table is; `None` for slot A, or slot B where A has none that is usable.
         slot: Option<Slot>,
+        /// What is meant to be there.
+        program: Program,
+        /// A number of the host's, by which it keeps the arm enabled.
+        session: u32,
     },
     /// Drives off.
     Disable,
@@ -138,6 +159,24 @@ pub enum Request {
     /// End the run: the table stops, the force is taken away, the tip is lifted off, and the arm
     /// stands with its drives on.
     Retract,
+    /// Keeps an arm that this session enabled from stopping with
+    /// [`Fault::LinkTimeout`](crate::fault::Fault::LinkTimeout). Answered by [`Reply::Status`].
+    KeepAlive {
+        /// The session's number.
+        session: u32,
+    },
+    /// Send telemetry of an enabled arm.
+    Stream {
+        /// Ticks from sample to sample; 0 for none.
+        every_ticks: u16,
+    },
+    /// What is in the way of enabling? Answered by [`Reply::Obstacles`].
+    Check {
+        /// Where the table is, as of [`Enable`](Self::Enable).
+        slot: Option<Slot>,
+        /// What is meant to be there, if anything is.
+        program: Option<Program>,
+    },
 }
 
 /// What the microcontroller answers.
@@ -168,7 +207,17 @@ pub enum Reply {
     },
     /// What the last tick found.
     Sensors(SensorReport),
+    /// Not an answer: a tick of an enabled arm.
+    Telemetry(TelemetrySample),
+    /// Everything that is in the way of enabling; nothing if it is empty.
+    Obstacles(Obstacles),
 }
+
+/// Most obstacles to enabling at once.
+pub const OBSTACLES_MAX: usize = 10;
+
+/// What is in the way of enabling.
+pub type Obstacles = heapless::Vec<Refusal, OBSTACLES_MAX>;
 
 /// Most bytes of a log entry.
 pub const LOG_MAX: usize = 48;
@@ -236,13 +285,35 @@ mod tests {
 
     #[test]
     fn enabling_and_its_answer_name_the_slot() {
+        let program = Program {
+            table_crc: 1,
+            task_fingerprint: 300,
+            setup_crc: 2,
+        };
         for (slot, bytes) in [
-            (None, &[VERSION, 2, 0][..]),
-            (Some(Slot::A), &[VERSION, 2, 1, 0]),
-            (Some(Slot::B), &[VERSION, 2, 1, 1]),
+            (None, &[VERSION, 2, 0, 1, 0xac, 0x02, 2, 3][..]),
+            (Some(Slot::A), &[VERSION, 2, 1, 0, 1, 0xac, 0x02, 2, 3]),
+            (Some(Slot::B), &[VERSION, 2, 1, 1, 1, 0xac, 0x02, 2, 3]),
         ] {
-            assert_eq!(frame(&Request::Enable { slot }), raw_frame(bytes));
+            let session = 3;
+            let enable = Request::Enable {
+                slot,
+                program,
+                session,
+            };
+            assert_eq!(frame(&enable), raw_frame(bytes));
         }
+        let keep = Request::KeepAlive { session: 300 };
+        assert_eq!(frame(&keep), raw_frame(&[VERSION, 13, 0xac, 0x02]));
+        let check = Request::Check {
+            slot: Some(Slot::B),
+            program: Some(program),
+        };
+        let body = [VERSION, 15, 1, 1, 1, 1, 0xac, 0x02, 2];
+        assert_eq!(frame(&check), raw_frame(&body));
+        let obstacles = [Refusal::NotHomed, Refusal::Latched(Fault::Drive)];
+        let reply = Reply::Obstacles(obstacles.into_iter().collect());
+        assert_eq!(frame(&reply), raw_frame(&[VERSION, 10, 2, 8, 5, 17]));
         // The request of version 1, which had no slot.
         let mut receiver = Receiver::new();
         assert!(feed(&mut receiver, &raw_frame(&[VERSION, 2])).is_empty());
@@ -327,12 +398,65 @@ mod tests {
     }
 
     #[test]
+    fn telemetry_is_as_documented() {
+        let stream = Request::Stream { every_ticks: 300 };
+        assert_eq!(frame(&stream), raw_frame(&[VERSION, 14, 0xac, 0x02]));
+        let sample = Reply::Telemetry(TelemetrySample {
+            tick: 300,
+            table_tick: 2,
+            phase: Phase::Follow,
+            begun: true,
+            open: true,
+            fault: Some(Fault::NoContact),
+            raw: RawSample {
+                encoder: [1, 2],
+                force: 3,
+                strain: 4,
+                fresh: true,
+            },
+            torque: [1.0, -2.0],
+            saturation: [Saturation::Upper, Saturation::None],
+            force_integral: 0.5,
+        });
+        let mut body = std::vec![VERSION, 9, 0xac, 0x02, 2, 3, 1, 1, 1, 32, 1, 2, 3, 4, 1];
+        body.extend([1.0_f32, -2.0].map(f32::to_le_bytes).concat());
+        body.extend([1, 0]);
+        body.extend(0.5_f32.to_le_bytes());
+        assert_eq!(frame(&sample), raw_frame(&body));
+        assert_eq!(replies(&frame(&sample)), [sample]);
+        // 40 bytes at most but for the longest run: at 1 Mbaud 2.5 kHz.
+        assert!(frame(&sample_at_most()).len() <= 48);
+    }
+
+    /// The longest telemetry message.
+    fn sample_at_most() -> Reply {
+        Reply::Telemetry(TelemetrySample {
+            tick: u32::MAX,
+            table_tick: 1_000_000,
+            phase: Phase::Park,
+            begun: true,
+            open: true,
+            fault: Some(Fault::NoContact),
+            raw: RawSample {
+                encoder: [u16::MAX; 2],
+                force: 4095,
+                strain: 4095,
+                fresh: true,
+            },
+            torque: [1.0; 2],
+            saturation: [Saturation::None; 2],
+            force_integral: 0.5,
+        })
+    }
+
+    #[test]
     fn the_identity_is_as_documented() {
         let identity = Reply::Identity(Identity {
             version: [0, 1, 300],
             git: [0xde, 0xad, 0, 1],
             modified: true,
             arm_fingerprint: Some(1),
+            setup_crc: Some(300),
             slots: [Ok(TABLE), Err(SlotError::Crc)],
             tick_rate_hz: 5000,
             core_hz: 128,
@@ -342,8 +466,8 @@ mod tests {
             start: StartReason::Panic { line: 2, file: 3 },
         });
         let body = [
-            VERSION, 0, 0, 1, 0xac, 0x02, 0xde, 0xad, 0, 1, 1, 1, 1, 0, 0xb4, 0x24, 1, 0xac, 0x02,
-            0x90, 0x4e, 1, 3, 0x88, 0x27, 0x80, 1, 64, 0, 1, 1, 2, 3,
+            VERSION, 0, 0, 1, 0xac, 0x02, 0xde, 0xad, 0, 1, 1, 1, 1, 1, 0xac, 0x02, 0, 0xb4, 0x24,
+            1, 0xac, 0x02, 0x90, 0x4e, 1, 3, 0x88, 0x27, 0x80, 1, 64, 0, 1, 1, 2, 3,
         ];
         assert_eq!(frame(&identity), raw_frame(&body));
         assert_eq!(replies(&frame(&identity)), [identity]);

@@ -5,6 +5,8 @@
 //! | `message` | the messages, byte by byte |
 //! | `setup` | what a controller is made from, as the wire and the image carry it |
 //! | `report` | what the microcontroller tells about itself |
+//! | `program` | which table and settings it is asked to run |
+//! | `telemetry` | what it streams while it runs |
 //! | `refusal` | why it does not do what it was asked |
 //! | `frame` | the messages' frames on a byte stream: COBS and CRC |
 //!
@@ -20,14 +22,17 @@
 
 mod frame;
 mod message;
+mod program;
 mod refusal;
 mod report;
 mod setup;
+mod telemetry;
 #[cfg(test)]
 mod testing;
 
 pub use frame::{FRAME_MAX, FrameErrors, FrameTooLong, PAYLOAD_MAX, Receiver, VERSION, encode};
-pub use message::{LOG_MAX, LogEntry, Reply, Request};
+pub use message::{LOG_MAX, LogEntry, OBSTACLES_MAX, Obstacles, Reply, Request};
+pub use program::Program;
 pub use refusal::Refusal;
 pub use report::{
     ClockSource, Identity, Interlocks, Mode, RawSample, RunStatus, SensorReport, StartReason,
@@ -36,6 +41,8 @@ pub use report::{
 pub use setup::{
     FreeSetup, HybridSetup, LawSetup, LimitSetup, MonitorSetup, MotionSetup, PaperSetup, Setup,
 };
+
+pub use telemetry::{TELEMETRY_QUEUE, TelemetrySample};
 
 /// Baud rate of the line on a real board. It divides the 84 MHz and 16 MHz that clock the
 /// STM32F405's USART1 without remainder, and USB bridges have it.

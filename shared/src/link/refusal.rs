@@ -1,6 +1,7 @@
 //! Why the microcontroller does not do what it was asked.
 
 use crate::fault::Fault;
+use crate::link::program::Program;
 use crate::table::SlotError;
 use core::fmt;
 use serde::{Deserialize, Serialize};
@@ -51,6 +52,15 @@ pub enum Refusal {
     NoMotion,
     /// The run is over or being ended: there is no table to stand or to go on.
     RunOver,
+    /// Another table, or with other settings, than the host named.
+    OtherProgram {
+        /// What is there.
+        found: Program,
+        /// What was named.
+        named: Program,
+    },
+    /// Enabled by another session than the one that wants to keep it so.
+    OtherSession,
 }
 
 impl fmt::Display for Refusal {
@@ -95,9 +105,32 @@ impl fmt::Display for Refusal {
             Self::NoMotion => f.write_str(
                 "the paper's law can neither pause nor retract: disable, which switches the drives off",
             ),
+            Self::OtherProgram { found, named } => other_program(f, found, named),
+            Self::OtherSession => {
+                f.write_str("another host enabled it, and keeps it enabled: end that one first")
+            }
             Self::RunOver => f.write_str("the run is over or being ended: the table does not go on"),
         }
     }
+}
+
+/// Says what of a program is another one, and what mends it.
+fn other_program(f: &mut fmt::Formatter<'_>, found: &Program, named: &Program) -> fmt::Result {
+    let mut joiner = "";
+    for (what, found, named) in [
+        ("table", found.table_crc, named.table_crc),
+        ("task", found.task_fingerprint, named.task_fingerprint),
+        ("settings", found.setup_crc, named.setup_crc),
+    ] {
+        if found != named {
+            write!(
+                f,
+                "{joiner}it has {what} {found:#010x}, asked for is {named:#010x}"
+            )?;
+            joiner = "; ";
+        }
+    }
+    f.write_str(": flash it with the same files")
 }
 
 /// Names each motor that is farther off than is allowed, and how far.

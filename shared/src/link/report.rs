@@ -17,6 +17,8 @@ pub enum ClockSource {
     InternalPll,
     /// Internal oscillator alone: the PLL did not lock either.
     Internal,
+    /// None: a board that is simulated.
+    Simulated,
 }
 
 /// Why the microcontroller started.
@@ -59,6 +61,8 @@ pub struct Identity {
     pub modified: bool,
     /// Fingerprint of the arm in the image; `None` if that part is damaged.
     pub arm_fingerprint: Option<u32>,
+    /// CRC-32 of the setup in the image; `None` if it is damaged.
+    pub setup_crc: Option<u32>,
     /// The tables in slots A and B, judged by themselves and against that arm.
     pub slots: [Result<TableIdentity, SlotError>; 2],
     /// Control rate, Hz.

@@ -153,6 +153,9 @@ pub struct LimitSetup {
     pub torque_rate_nm_s: [f64; 2],
 }
 
+/// Most bytes of a setup with its CRC.
+const SETUP_MAX: usize = 320;
+
 impl Setup {
     /// Writes the setup with a CRC-32 behind it, as the firmware's image carries it, and
     /// returns the bytes written.
@@ -163,6 +166,17 @@ impl Setup {
         postcard::to_slice_crc32(self, buffer, CRC32.digest())
             .map(|bytes| &*bytes)
             .map_err(|_| FrameTooLong)
+    }
+
+    /// CRC-32 of the setup's bytes, which is what [`encode`](Self::encode) puts behind them: names
+    /// everything that a controller is made from, apart from its table.
+    pub fn crc(&self) -> u32 {
+        let mut buffer = [0; SETUP_MAX];
+        // No setup is longer (tested).
+        let bytes = self.encode(&mut buffer).unwrap_or_default();
+        bytes
+            .split_last_chunk()
+            .map_or(0, |(_, crc)| u32::from_le_bytes(*crc))
     }
 
     /// Reads what [`encode`](Self::encode) wrote; `None` if it is damaged.
@@ -277,6 +291,9 @@ mod tests {
         let mut expected = std::vec![1_u8];
         expected.extend((1..=34_u8).flat_map(|x| f32::from(x).to_le_bytes()));
         assert_eq!(bytes.len(), 290 + 4);
+        assert!(bytes.len() <= SETUP_MAX);
+        let crc = u32::from_le_bytes(*bytes.last_chunk().unwrap());
+        assert_eq!(Setup { law, ..SETUP }.crc(), crc);
         assert_eq!(bytes[89..226], expected);
         assert_eq!(Setup::decode(&bytes), Some(Setup { law, ..SETUP }));
     }

@@ -7,6 +7,8 @@
 use crate::control::{LawParameters, LimitParameters};
 use crate::fault::Fault;
 use crate::link::{Interlocks, Refusal};
+use crate::model::ArmParameters;
+use crate::number::Scalar;
 use crate::signals::{Measurement, Reference};
 use crate::table::{Slot, SlotError};
 
@@ -36,6 +38,16 @@ pub struct InputHealth {
 }
 
 impl InputHealth {
+    /// Every fault that keeps the drives off.
+    fn faults(&self) -> [Option<Fault>; 4] {
+        [
+            (!self.interlocks.estop_released).then_some(Fault::EmergencyStop),
+            (!self.interlocks.drives_ok).then_some(Fault::Drive),
+            (!self.fresh).then_some(Fault::SensorsStale),
+            (!self.in_range).then_some(Fault::SensorRange),
+        ]
+    }
+
     /// The fault that keeps the drives off.
     #[inline]
     pub fn fault(&self) -> Option<Fault> {
@@ -73,19 +85,27 @@ pub enum StartPose {
     Links([f32; 3]),
     /// Motor angles (m1, m2), rad. The hybrid law's gauge shows the root's moment, from which no
     /// slope follows on an arm of another stiffness, and so no theta20: it asks the encoders alone.
-    Motors([f32; 2]),
+    Motors {
+        /// Where the table begins, pressing.
+        pressing: [f32; 2],
+        /// Motor 2's angle from there to where the tip is in the air, so far above the surface that an
+        /// approach just finds it: the link straightens, and the tip is lifted.
+        to_the_air: f32,
+    },
 }
 
 impl StartPose {
     /// Where a table with this first row begins for this law: m1 = theta10 and
-    /// m2 = theta20 - theta10 + w'(0).
-    pub fn new(law: &LawParameters, first_row: &Reference<f32>) -> Self {
+    /// m2 = theta20 - theta10 + w'(0). The hybrid law approaches the surface by itself: there the tip of
+    /// an `arm` that is to press may be in the air.
+    pub fn new(law: &LawParameters, arm: &ArmParameters, first_row: &Reference<f32>) -> Self {
         let [angle1, angle2] = first_row.angle;
         match law {
             LawParameters::Paper(_) => Self::Links([angle1, angle2, first_row.root_slope]),
-            LawParameters::Hybrid(_) => {
-                Self::Motors([angle1, angle2 - angle1 + first_row.root_slope])
-            }
+            LawParameters::Hybrid(law) => Self::Motors {
+                pressing: [angle1, angle2 - angle1 + first_row.root_slope],
+                to_the_air: to_the_air(arm, law.motion.approach_limit_m as f32, first_row),
+            },
         }
     }
 
@@ -105,8 +125,21 @@ impl StartPose {
                 }
                 Err(Refusal::AwayFromStart { deviation_rad })
             }
-            Self::Motors([motor1, motor2]) => {
-                let deviation_rad = [measured.motor[0] - motor1, measured.motor[1] - motor2];
+            Self::Motors {
+                pressing,
+                to_the_air,
+            } => {
+                let away = [0, 1].map(|i| measured.motor[i] - pressing[i]);
+                let (low, high) = (to_the_air.min(0.0), to_the_air.max(0.0));
+                // From the nearer end of what there is to choose from; not a number remains so.
+                let beyond = if away[1] < low {
+                    away[1] - low
+                } else if away[1] > high {
+                    away[1] - high
+                } else {
+                    away[1] * 0.0
+                };
+                let deviation_rad = [away[0], beyond];
                 let allowed_rad = limits.start_motor_rad;
                 if deviation_rad.iter().zip(&allowed_rad).all(within) {
                     return Ok(());
@@ -118,6 +151,19 @@ impl StartPose {
             }
         }
     }
+}
+
+/// What motor 2 turns by from where a table begins that presses on the surface to where the tip is in
+/// the air, `gap_m` above it, rad: the slope that the force makes at link 2's root, and the tip's way.
+/// Nothing where the table presses on nothing.
+fn to_the_air(arm: &ArmParameters, gap_m: f32, first_row: &Reference<f32>) -> f32 {
+    if !(first_row.force > 0.0) {
+        return 0.0;
+    }
+    let length_m = arm.link2_length_m as f32;
+    let across = (first_row.normal_angle - first_row.angle[1]).sine();
+    let slope = first_row.force * length_m * across / arm.moment_per_root_slope() as f32;
+    -(slope + (gap_m / length_m).copysign(across))
 }
 
 /// The table to enable with, and its slot: the `wanted` slot's and no other, or without a wish
@@ -161,6 +207,27 @@ pub fn check_enable(
         return Err(Refusal::NotHomed);
     }
     start.check(limits, &inputs.measured)
+}
+
+/// Tells every reason why [`check_enable`] refuses, and not the first alone. Where the arm stands can be
+/// said of one that is homed, with a table that begins at `start`.
+pub fn each_obstacle(
+    limits: &SafetyLimits,
+    inputs: &EnableInputs,
+    start: Option<&StartPose>,
+    mut tell: impl FnMut(Refusal),
+) {
+    if let Some(fault) = inputs.latched {
+        tell(Refusal::Latched(fault));
+    }
+    for fault in inputs.health.faults().into_iter().flatten() {
+        tell(Refusal::Cause(fault));
+    }
+    if !inputs.homed {
+        tell(Refusal::NotHomed);
+    } else if let Some(Err(refusal)) = start.map(|start| start.check(limits, &inputs.measured)) {
+        tell(refusal);
+    }
 }
 
 /// Whether a table whose torques are bounded by `planned_nm` keeps within the limits: the law
@@ -240,6 +307,7 @@ impl FaultMonitor {
 
 #[cfg(test)]
 mod tests {
+    extern crate std;
     use super::*;
     use crate::control::HybridParameters;
 
@@ -284,11 +352,15 @@ mod tests {
     };
 
     fn links() -> StartPose {
-        StartPose::new(&LawParameters::FEEDFORWARD, &ROW)
+        StartPose::new(&LawParameters::FEEDFORWARD, &ArmParameters::PAPER, &ROW)
     }
 
     fn motors() -> StartPose {
-        StartPose::new(&HybridParameters::PAPER_ARM_HUB.into(), &ROW)
+        StartPose::new(
+            &HybridParameters::PAPER_ARM_HUB.into(),
+            &ArmParameters::PAPER,
+            &ROW,
+        )
     }
 
     fn at_start() -> EnableInputs {
@@ -361,6 +433,40 @@ mod tests {
     }
 
     #[test]
+    fn all_obstacles_are_told_at_once_and_each_is_one_that_refuses() {
+        let told = |inputs: &EnableInputs| {
+            let mut told = std::vec![];
+            each_obstacle(&LIMITS, inputs, Some(&motors()), |refusal| {
+                told.push(refusal);
+            });
+            assert_eq!(
+                told.first().copied(),
+                check_enable(&LIMITS, inputs, &motors()).err()
+            );
+            told
+        };
+        assert!(told(&at_start()).is_empty());
+        let mut inputs = at_start();
+        inputs.latched = Some(Fault::TickOverrun);
+        inputs.health.interlocks.estop_released = false;
+        inputs.health.interlocks.drives_ok = false;
+        inputs.health.in_range = false;
+        inputs.homed = false;
+        let expected = [
+            Refusal::Latched(Fault::TickOverrun),
+            Refusal::Cause(Fault::EmergencyStop),
+            Refusal::Cause(Fault::Drive),
+            Refusal::Cause(Fault::SensorRange),
+            Refusal::NotHomed,
+        ];
+        assert_eq!(told(&inputs), expected);
+        inputs.homed = true;
+        inputs.measured.motor[0] = 0.0;
+        let away = told(&inputs)[4];
+        assert!(matches!(away, Refusal::MotorsAwayFromStart { .. }));
+    }
+
+    #[test]
     fn each_law_asks_what_its_sensors_tell() {
         let check = |start: &StartPose, change: &dyn Fn(&mut Measurement<f32>)| {
             let mut inputs = at_start();
@@ -391,8 +497,46 @@ mod tests {
     }
 
     #[test]
+    fn a_tip_that_is_to_press_may_be_in_the_air_and_one_that_is_not_may_not() {
+        // Normal downwards, the link at -40 degrees: the force turns motor 2 forwards.
+        let presses = Reference {
+            force: 2.0,
+            normal_angle: core::f32::consts::FRAC_PI_2,
+            ..ROW
+        };
+        let law = HybridParameters::PAPER_ARM_HUB.into();
+        let arm = ArmParameters::PAPER;
+        let start = StartPose::new(&law, &arm, &presses);
+        let StartPose::Motors { to_the_air, .. } = start else {
+            panic!("the hybrid law asks the motors");
+        };
+        let lever = arm.link2_length_m * libm::sin(core::f64::consts::FRAC_PI_2 + 0.7);
+        let slope = 2.0 * lever / arm.moment_per_root_slope();
+        let lift = 0.1 / arm.link2_length_m;
+        assert!(
+            (f64::from(to_the_air) + slope + lift).abs() < 1e-5,
+            "{to_the_air}"
+        );
+        let check = |start: &StartPose, off: f32| {
+            let mut inputs = at_start();
+            inputs.measured.motor[1] = -0.7 - 0.9 + 0.17 + off;
+            check_enable(&LIMITS, &inputs, start).is_ok()
+        };
+        for (off, may) in [
+            (0.04, true),
+            (0.06, false),
+            (0.5 * to_the_air, true),
+            (to_the_air - 0.04, true),
+            (to_the_air - 0.06, false),
+            (f32::NAN, false),
+        ] {
+            assert_eq!(check(&start, off), may, "{off}");
+        }
+        assert!(!check(&motors(), 0.5 * to_the_air), "no force");
+    }
+
+    #[test]
     fn a_motor_that_is_away_is_named_with_how_much() {
-        extern crate std;
         use std::string::ToString;
         let words = |deviation_rad| {
             let refusal = Refusal::MotorsAwayFromStart {

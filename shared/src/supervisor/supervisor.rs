@@ -7,7 +7,10 @@
 
 use crate::control::Controller;
 use crate::fault::{Fault, Reaction};
-use crate::link::{Interlocks, Mode, RawSample, Refusal, RunStatus, SensorReport, TickReply};
+use crate::link::{
+    Interlocks, Mode, RawSample, Refusal, RunStatus, SensorReport, TELEMETRY_QUEUE,
+    TelemetrySample, TickReply,
+};
 use crate::phase::Phase;
 use crate::signals::{Measurement, Saturation};
 use crate::supervisor::board::Board;
@@ -16,6 +19,7 @@ use crate::supervisor::enabling::{EnableInputs, InputHealth, SafetyLimits};
 use crate::supervisor::sensing::{Calibration, Sensing};
 use crate::supervisor::soft_start::SoftStart;
 use crate::supervisor::state::State;
+use heapless::Deque;
 
 /// The controller's tick, its command written into the reply. Not inlined, or the compiler makes a copy for each mode.
 #[inline(never)]
@@ -94,6 +98,32 @@ fn raise(
         monitor(placed, sensing, result);
     }
     torque
+}
+
+/// Which ticks go into the telemetry, and those that the main loop has not taken yet.
+#[derive(Debug, Default)]
+struct Stream {
+    samples: Deque<TelemetrySample, TELEMETRY_QUEUE>,
+    /// Ticks from sample to sample; 0 for none.
+    every: u16,
+    /// Ticks until the next sample.
+    left: u16,
+}
+
+impl Stream {
+    /// Whether this tick is one.
+    #[inline]
+    fn is_due(&mut self) -> bool {
+        if self.every == 0 {
+            return false;
+        }
+        if self.left > 1 {
+            self.left -= 1;
+            return false;
+        }
+        self.left = self.every;
+        true
+    }
 }
 
 /// What a [`Supervisor`] is doing.
@@ -206,6 +236,7 @@ pub struct Supervisor<'a> {
     ticks_hw_max: u32,
     /// Ticks when the main loop last looked.
     ticks_seen: u32,
+    stream: Stream,
 }
 
 impl<'a> Supervisor<'a> {
@@ -245,7 +276,21 @@ impl<'a> Supervisor<'a> {
             ticks_total: 0,
             ticks_hw_max: 0,
             ticks_seen: 0,
+            stream: Stream::default(),
         }
+    }
+
+    /// The oldest sample of the telemetry, which the main loop is to take within a few ticks: what then has
+    /// no room is left out.
+    #[inline]
+    pub fn take_telemetry(&mut self) -> Option<TelemetrySample> {
+        self.stream.samples.pop_front()
+    }
+
+    /// Puts every so many ticks of an enabled arm into the telemetry, from the next one on; 0 for none.
+    pub fn stream(&mut self, every_ticks: u16) {
+        self.stream.every = every_ticks;
+        self.stream.left = 0;
     }
 
     /// One control tick.
@@ -257,6 +302,7 @@ impl<'a> Supervisor<'a> {
         self.sensing.update(&raw);
         self.interlocks = board.interlocks();
         self.ticks_total = self.ticks_total.wrapping_add(1);
+        let enabled = matches!(self.state, State::Enabled { .. });
         match &mut self.state {
             State::LockStep { inbox } => {
                 board.off();
@@ -311,9 +357,35 @@ impl<'a> Supervisor<'a> {
                 }
             }
         }
+        if enabled && self.stream.is_due() {
+            self.sample();
+        }
         let ticks_hw = board.stopwatch().wrapping_sub(begun);
         self.ticks_hw_max = self.ticks_hw_max.max(ticks_hw);
         self.outbox.ticks_hw = ticks_hw;
+    }
+
+    /// Copies this tick into the telemetry; where nobody takes it in time it is left out.
+    #[inline(never)]
+    fn sample(&mut self) {
+        let Some(controller) = self.slot.look() else {
+            return;
+        };
+        let _ = self.stream.samples.push_back(TelemetrySample {
+            tick: self.ticks_total,
+            table_tick: self.outbox.tick,
+            phase: controller.phase(),
+            begun: controller.begun(),
+            open: match &self.state {
+                State::Enabled { start, .. } => start.is_over(),
+                _ => false,
+            },
+            fault: self.fault.or(controller.retract_cause()),
+            raw: self.sensing.raw(),
+            torque: self.outbox.torque,
+            saturation: self.outbox.saturation,
+            force_integral: controller.force_integral(),
+        });
     }
 
     /// Enables the drives from the next tick on and runs the `prepared` controller, which

@@ -3,7 +3,7 @@
 extern crate std;
 use super::*;
 use crate::control::{HybridParameters, LawParameters, LimitParameters};
-use crate::link::RawSample;
+use crate::link::{RawSample, TELEMETRY_QUEUE};
 use crate::model::ArmParameters;
 use crate::signals::Reference;
 use crate::supervisor::{MemoryBoard, MonitorParameters, Monitors};
@@ -454,6 +454,19 @@ fn what_the_state_does_not_allow_is_refused_and_changes_nothing() {
     rig.tick();
     assert!(rig.torque().is_some_and(planned));
     assert_eq!(rig.supervisor.status().tick, 1);
+}
+
+#[test]
+fn telemetry_is_of_every_so_many_ticks_of_an_enabled_arm_and_its_gaps_tell() {
+    let mut rig = Rig::enabled();
+    rig.supervisor.stream(1);
+    let size = TELEMETRY_QUEUE as u32;
+    (0..size + 3).for_each(|_| rig.tick());
+    let waiting = core::iter::from_fn(|| rig.supervisor.take_telemetry());
+    let first = waiting.last().unwrap();
+    rig.tick();
+    let next = rig.supervisor.take_telemetry().unwrap();
+    assert_eq!(next.tick - first.tick, 4);
 }
 
 #[test]

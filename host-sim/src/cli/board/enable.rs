@@ -7,12 +7,12 @@ use crate::cli::{BoardError, CliError, print, say};
 use crate::files::export;
 use crate::target::{Target, TargetError};
 use flexor::fault::Fault;
-use flexor::link::{Mode, Status};
+use flexor::link::{Mode, Program, Status, TelemetrySample};
 use flexor::table::{Slot, TableIdentity};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Between two requests to an enabled arm: 50 a second, where it stops after 100 ms without.
 const KEEP_ALIVE: Duration = Duration::from_millis(20);
@@ -31,15 +31,104 @@ enum End {
     Disabled,
 }
 
-/// Enables, keeps the link alive, and disables, whatever happens in between.
+/// A number for this session that no other is likely to have.
+pub(super) fn session() -> u32 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH);
+    let nanoseconds = since.map_or(0, |since| since.as_nanos());
+    (nanoseconds ^ (nanoseconds >> 32)) as u32 ^ std::process::id().rotate_left(16)
+}
+
+/// What the board has said that it has in a slot, or without one in the first that is usable. Where
+/// there is none the board says why when it refuses.
+fn meant(board: &Target, slot: Option<Slot>) -> Program {
+    let identity = board.identity();
+    let slots = slot.as_ref().map_or(&Slot::ALL[..], core::slice::from_ref);
+    let mut programs = slots.iter().filter_map(|slot| Program::of(identity, *slot));
+    programs.next().unwrap_or_default()
+}
+
+/// What is to be enabled, and how it is shown.
+pub(super) struct Attendance {
+    /// The slot; without one the first that has a usable table.
+    pub(super) slot: Option<Slot>,
+    /// What is meant to be there.
+    pub(super) program: Program,
+    /// Nothing is printed.
+    pub(super) quiet: bool,
+}
+
+/// How an attended run has ended, disabled.
+pub(super) struct Ended {
+    /// What that is called.
+    pub(super) outcome: &'static str,
+    /// How the command ends.
+    pub(super) result: Result<(), CliError>,
+    fault: Option<Fault>,
+    slot: Slot,
+    table: TableIdentity,
+    tick: u32,
+}
+
+/// The slot whose table a program's is.
+pub(super) fn slot_of(board: &Target, program: &Program) -> Option<Slot> {
+    let has = |slot: &Slot| Program::of(board.identity(), *slot).as_ref() == Some(program);
+    Slot::ALL.into_iter().find(has)
+}
+
+/// Enables, keeps the link alive, and disables, whatever happens in between; tells how it ended.
 pub(super) fn enable(
     board: &mut Target,
     slot: Option<Slot>,
     json: bool,
     bar: &ProgressBar,
 ) -> Result<(), CliError> {
+    let attendance = Attendance {
+        slot,
+        program: meant(board, slot),
+        quiet: json,
+    };
+    let Ended {
+        outcome,
+        result,
+        fault,
+        slot,
+        table,
+        tick,
+    } = attended(board, &attendance, bar, |_| {})?;
+    if json {
+        let mut keys = export::object([("outcome", json!(outcome))]);
+        keys.extend(export::object(fault_json(fault)));
+        keys.extend(export::object([
+            ("slot", json!(format!("{slot:?}"))),
+            ("table_crc", json!(format!("{:#010x}", table.crc))),
+            (
+                "table_task",
+                json!(format!("{:#010x}", table.task_fingerprint)),
+            ),
+            ("tick", json!(tick)),
+            ("ticks", json!(table.ticks)),
+        ]));
+        print(Value::Object(keys))?;
+    } else if result.is_ok() {
+        print(format_args!("completed, disabled"))?;
+    }
+    result
+}
+
+/// Enables, keeps the link alive, and disables, whatever happens in between. `record` is given what
+/// telemetry comes meanwhile.
+///
+/// # Errors
+/// Where nothing was enabled, or it is not known how it ended.
+pub(super) fn attended(
+    board: &mut Target,
+    attendance: &Attendance,
+    bar: &ProgressBar,
+    mut record: impl FnMut(&[TelemetrySample]),
+) -> Result<Ended, CliError> {
     let stop = stop_flag()?;
-    let granted = match board.enable(slot) {
+    let session = session();
+    let granted = match board.enable(attendance.slot, attendance.program, session) {
         Err(error @ TargetError::Refused(_)) => {
             // For what it has logged of that; the refusal is known without.
             let _ = board.status();
@@ -47,10 +136,12 @@ pub(super) fn enable(
         }
         other => other,
     };
-    let ended = granted
-        .map_err(failed)
-        .and_then(|(slot, table)| attend(board, slot, table, json, stop, bar));
+    let ended = granted.map_err(failed).and_then(|(slot, table)| {
+        let run = (slot, table, session);
+        attend(board, run, attendance.quiet, (stop, bar), &mut record)
+    });
     let disabled = board.disable();
+    record(&board.take_telemetry());
     bar.finish_and_clear();
     let (slot, table, end, tick) = match (ended, disabled) {
         (Ok(ended), Ok(())) => ended,
@@ -65,26 +156,15 @@ pub(super) fn enable(
             return Err(error);
         }
     };
-    let ticks = table.ticks;
-    let (outcome, fault, result) = judged(end, tick, ticks);
-    if json {
-        let mut keys = export::object([("outcome", json!(outcome))]);
-        keys.extend(export::object(fault_json(fault)));
-        keys.extend(export::object([
-            ("slot", json!(format!("{slot:?}"))),
-            ("table_crc", json!(format!("{:#010x}", table.crc))),
-            (
-                "table_task",
-                json!(format!("{:#010x}", table.task_fingerprint)),
-            ),
-            ("tick", json!(tick)),
-            ("ticks", json!(ticks)),
-        ]));
-        print(Value::Object(keys))?;
-    } else if result.is_ok() {
-        print(format_args!("completed, disabled"))?;
-    }
-    result.map_err(failed)
+    let (outcome, fault, result) = judged(end, tick, table.ticks);
+    Ok(Ended {
+        outcome,
+        result: result.map_err(failed),
+        fault,
+        slot,
+        table,
+        tick,
+    })
 }
 
 /// What an end after so many of the table's ticks is called, the fault that it was for, and how the
@@ -119,13 +199,12 @@ fn judged(
 /// last tick that was seen.
 fn attend(
     board: &mut Target,
-    slot: Slot,
-    table: TableIdentity,
-    json: bool,
-    stop: &AtomicBool,
-    bar: &ProgressBar,
+    (slot, table, session): (Slot, TableIdentity, u32),
+    quiet: bool,
+    (stop, bar): (&AtomicBool, &ProgressBar),
+    record: &mut impl FnMut(&[TelemetrySample]),
 ) -> Result<(Slot, TableIdentity, End, u32), CliError> {
-    if !json {
+    if !quiet {
         let words = table_words(&table, board.identity().tick_rate_hz);
         print(format_args!("enabled, slot {slot:?}: {words}"))?;
     }
@@ -140,7 +219,8 @@ fn attend(
         retracted: None,
     };
     loop {
-        let status = board.status().map_err(failed)?;
+        let status = board.keep_alive(session).map_err(failed)?;
+        record(&board.take_telemetry());
         let stop = stop.swap(false, Ordering::Relaxed);
         let end = run.look(&status, stop);
         bar.set_position(run.tick.into());
@@ -155,7 +235,7 @@ fn attend(
                 Err(error) => return Err(failed(error)),
             }
         }
-        std::thread::sleep(KEEP_ALIVE);
+        board.pass(KEEP_ALIVE).map_err(failed)?;
     }
 }
 

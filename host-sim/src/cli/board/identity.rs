@@ -55,6 +55,7 @@ fn clock(source: ClockSource) -> (&'static str, &'static str) {
             "internal",
             "internal oscillator alone: neither crystal nor PLL started",
         ),
+        ClockSource::Simulated => ("simulated", "none: a virtual board"),
     }
 }
 

@@ -6,6 +6,7 @@
 
 mod enable;
 mod identity;
+mod run;
 mod sensors;
 
 use super::connection::ConnectionArgs;
@@ -62,6 +63,20 @@ enum Verb {
         #[arg(long, value_enum)]
         slot: Option<SlotArg>,
     },
+    /// Says everything that is in the way of enabling, at once; enables nothing
+    #[command(
+        after_help = "Example: flexor board check --port /dev/ttyUSB0\n\nExit code 0 where nothing is in the way, else 1."
+    )]
+    Check {
+        /// With this slot's table; without it slot A's, or slot B's where slot A has none that is usable
+        #[arg(long, value_enum)]
+        slot: Option<SlotArg>,
+    },
+    /// Enables, attends and records, as `enable`, and writes what `flexor run` writes
+    #[command(
+        after_help = "Example: flexor board run --virtual --scenario examples/scenarios/approach.toml --out out/board\n\nWith --port THE ARM MOVES. The board must have the table and the settings that these files make. Writes run.csv, plan.csv, table.bin, summary.json, figures and report.html, of what the board's sensors say. Exit code 0 only for a run that is completed."
+    )]
+    Run(Box<run::RunArgs>),
     /// Says that the arm stands at its home pose, from which the encoders count
     #[command(
         after_help = "Example: flexor board home --port /dev/ttyUSB0\n\nWanted before enabling, once after every start and after every pil. Nothing moves."
@@ -118,16 +133,21 @@ fn failed(error: impl Into<BoardError>) -> CliError {
 pub(super) fn board(args: &BoardArgs) -> Result<(), CliError> {
     // The one thing on the terminal that the log must not run into.
     let bar = match &args.verb {
-        Verb::Enable { .. } => ProgressBar::new(0),
+        Verb::Enable { .. } | Verb::Run(_) => ProgressBar::new(0),
         Verb::Sensors { follow: true } if !args.json => {
             ProgressBar::with_draw_target(None, ProgressDrawTarget::stdout())
         }
         _ => ProgressBar::hidden(),
     };
+    if let Verb::Run(run) = &args.verb {
+        return run::run(run, args, &bar);
+    }
     let timeout = Duration::from_secs_f64(args.timeout_s);
     let mut target = args.connection.open(None, timeout, &bar).map_err(failed)?;
     let board = &mut target;
     match args.verb {
+        // On a board of its own, above.
+        Verb::Run(_) => Ok(()),
         Verb::Identity => {
             let identity = *board.identity();
             // The log of its start comes before the answer to a further request.
@@ -142,6 +162,7 @@ pub(super) fn board(args: &BoardArgs) -> Result<(), CliError> {
             show(args.json, sensors::json(&report), sensors::facts(&report))
         }
         Verb::Enable { slot } => enable::enable(board, slot.map(Into::into), args.json, &bar),
+        Verb::Check { slot } => check(board, slot.map(Into::into), args.json),
         Verb::Disable => {
             board
                 .disable()
@@ -166,6 +187,27 @@ pub(super) fn board(args: &BoardArgs) -> Result<(), CliError> {
             board.acknowledge().map_err(failed)?;
             standing(board, args.json)
         }
+    }
+}
+
+/// Tells what is in the way of enabling.
+fn check(board: &mut Target, slot: Option<Slot>, json: bool) -> Result<(), CliError> {
+    let obstacles = board.check(slot, None).map_err(failed)?;
+    let words: Vec<String> = obstacles.iter().map(ToString::to_string).collect();
+    if json {
+        let keys = export::object([
+            ("may_enable", json!(words.is_empty())),
+            ("obstacles", json!(words)),
+        ]);
+        print(Value::Object(keys))?;
+    } else if words.is_empty() {
+        print("nothing is in the way of enabling")?;
+    } else {
+        words.iter().try_for_each(print)?;
+    }
+    match words.len() {
+        0 => Ok(()),
+        count => Err(failed(BoardError::Obstacles { count })),
     }
 }
 

@@ -27,6 +27,8 @@ pub struct BenchBoard {
     pub drive_limit_nm: [f64; 2],
     /// When it stops by itself.
     pub safety: SafetyLimits,
+    /// Ticks in which a real board raises its first torques while brakes hold the arm.
+    pub soft_start_ticks: u32,
 }
 
 impl From<&BoardParameters> for BenchBoard {
@@ -41,6 +43,7 @@ impl From<&BoardParameters> for BenchBoard {
                 soft_start_ticks: 0,
                 ..board.safety()
             },
+            soft_start_ticks: board.safety().soft_start_ticks,
         }
     }
 }

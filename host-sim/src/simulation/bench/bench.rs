@@ -8,13 +8,13 @@ use crate::simulation::bench::figures::{FailureLimits, RunFigures, Tally};
 use crate::simulation::bench::lane::Lane;
 use flexor::control::{LawParameters, LimitParameters};
 use flexor::fault::Fault;
-use flexor::link::{RawSample, Refusal};
+use flexor::link::{Program, RawSample, Refusal, Setup};
 use flexor::phase::Phase;
 use flexor::signals::Saturation;
 use flexor::supervisor::{
     ControllerParameters, MonitorParameters, MonitoredController, Monitors, StartPose,
 };
-use flexor::table::Table;
+use flexor::table::{Table, TableError};
 
 /// What all arms of a bench are to do, and with which board.
 #[derive(Clone, Copy, Debug)]
@@ -51,6 +51,29 @@ pub struct Then<'a> {
 }
 
 impl BenchTask<'_> {
+    /// What a board's image is built with for this task, apart from its table.
+    pub fn setup(&self) -> Setup {
+        Setup::from(&ControllerParameters {
+            arm: self.plan.model.arm,
+            law: *self.law,
+            limits: *self.limits,
+            monitors: *self.monitors,
+        })
+    }
+
+    /// What a board must have for this task: its table, and its settings.
+    ///
+    /// # Errors
+    /// [`TableError`] where the task's table is none.
+    pub fn program(&self) -> Result<Program, TableError> {
+        let table = Table::open(self.image)?;
+        Ok(Program {
+            table_crc: table.crc(),
+            task_fingerprint: table.header().task_fingerprint,
+            setup_crc: self.setup().crc(),
+        })
+    }
+
     /// What a controller is made from that keeps within these limits and thresholds.
     fn controller(
         &self,
@@ -107,11 +130,25 @@ impl BenchRow {
 const ABSURD: (f64, f64) = (20.0, 1e4);
 
 /// True once the state is undefined or absurd.
-fn diverged(reading: &CompliantReading) -> bool {
+pub(super) fn diverged(reading: &CompliantReading) -> bool {
     let (angle, force) = ABSURD;
     // NaN is not below either.
     let sound = reading.angle.iter().all(|a| a.abs() < angle) && reading.force < force;
     !(sound && reading.root_slope.is_finite())
+}
+
+/// The plan's time, s, so many ticks after enabling, where the table has `begun`; until it begins
+/// before the plan's first.
+pub(super) fn path_s(task: &BenchTask<'_>, begun: Option<usize>, tick: usize) -> f64 {
+    let plan = task.plan;
+    let (period_s, first_s) = (period_s(plan), plan.points[0].t);
+    match begun {
+        Some(begun) => first_s + (tick - begun) as f64 * period_s,
+        None => {
+            let settling = f64::from(task.law.settle_ticks(plan.tick_rate_hz));
+            (first_s - settling * period_s + tick as f64 * period_s).min(first_s - period_s)
+        }
+    }
 }
 
 /// Longest time from enabling until the table begins, s; a run that takes longer is given up.
@@ -216,16 +253,9 @@ impl<'a> Run<'a> {
         }
         let plan = self.task.plan;
         let period_s = period_s(plan);
-        let (first_s, last) = (plan.points[0].t, plan.points.len() - 1);
+        let last = plan.points.len() - 1;
         let since_s = tick as f64 * period_s;
-        // Until the table begins the plan's time is before its first.
-        let plan_s = |begun: Option<usize>| match begun {
-            Some(begun) => first_s + (tick - begun) as f64 * period_s,
-            None => {
-                let settling = f64::from(self.task.law.settle_ticks(plan.tick_rate_hz));
-                (first_s - settling * period_s + since_s).min(first_s - period_s)
-            }
-        };
+        let plan_s = |begun: Option<usize>| path_s(self.task, begun, tick);
         self.go_on(tick);
         // The tick with which the table begins is on it.
         let given = self.board.tick(plan_s(self.begun), reading);
@@ -345,7 +375,7 @@ fn boards<'a, T: Lanes>(
     if let Some(then) = task.then {
         parameters.controller(&Table::open(then.image)?)?;
     }
-    let start = StartPose::new(&parameters.law, &table.cursor().row());
+    let start = StartPose::new(&parameters.law, &parameters.arm, &table.cursor().row());
 
     let mut boards = Vec::with_capacity(arms.len());
     for ((i, arm), places) in arms.iter().enumerate().zip(places) {

@@ -262,6 +262,11 @@ impl Tally {
         self.fault = self.fault.or(row.fault);
     }
 
+    /// Rows are of every so many ticks only.
+    pub(super) fn of_every(&mut self, ticks: u32) {
+        self.period_s *= f64::from(ticks);
+    }
+
     /// The table has not begun in time.
     pub(super) fn give_up(&mut self) {
         self.not_begun = true;

@@ -108,10 +108,14 @@ impl FaultName {
         (self.make)(value)
     }
 
+    /// Every name, of faults and then of wishes.
+    pub fn all() -> impl Iterator<Item = &'static Self> {
+        FAULT_NAMES.iter().chain(WISH_NAMES)
+    }
+
     /// The entry of this name, if there is one.
     pub fn find(name: &str) -> Option<&'static Self> {
-        let mut all = FAULT_NAMES.iter().chain(WISH_NAMES);
-        all.find(|entry| entry.name == name)
+        Self::all().find(|entry| entry.name == name)
     }
 }
 

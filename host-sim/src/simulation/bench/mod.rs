@@ -13,8 +13,11 @@
 //! |---|---|
 //! | `arm` | one arm on the bench, and the board before it |
 //! | `bench` | several of them, tick by tick |
-//! | `lane` | one board with its sensors, drives and faults |
+//! | `rig` | what is around a board: sensors, drives, lines, faults |
+//! | `lane` | one board in the loop |
+//! | `virtual_board` | one that answers the link's requests, as a board on a cable |
 //! | `injection` | faults at given times |
+//! | `recorded` | a run as a board tells it |
 //! | `figures`, `log` | what comes of a run: its figures alone, or everything |
 //!
 //! **Words.** A *lane* is one of the arms that advance side by side
@@ -27,6 +30,9 @@ mod figures;
 mod injection;
 mod lane;
 mod log;
+mod recorded;
+mod rig;
+mod virtual_board;
 
 pub use arm::{ArmKind, BenchArm, BenchBoard, BenchError, Course};
 pub use bench::{BenchRow, BenchTask, Then, refusal, run};
@@ -35,3 +41,5 @@ pub use injection::{
     AnalogChannel, AnalogFault, FAULT_NAMES, FaultKind, FaultName, TimedFault, WISH_NAMES,
 };
 pub use log::BenchLog;
+pub use recorded::RecordedRun;
+pub use virtual_board::{VirtualBoard, VirtualPlaces, VirtualSetting};
