@@ -105,6 +105,7 @@ pub(crate) fn plan_files(files: &Files) -> Result<Demo> {
     let options = PlanOptions {
         elements: arm.elements,
         tick_rate_hz: board.parameters.tick_rate_hz,
+        link: arm.link,
         ..PlanOptions::default()
     };
     let plan = plan(&arm.arm, &task, &options)?;
