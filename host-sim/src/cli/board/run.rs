@@ -164,13 +164,9 @@ fn record(
         "recorded".into(),
         format!("every {every} ticks, {missing} samples missing"),
     )];
-    let mut made = Provenance::of_inputs(&bench.inputs).gains(&bench.law);
-    if args.is_virtual {
-        made = made.plant(&bench.config.scenario.middle().plant);
-    }
     bench.write(
         output,
-        ("Flexor: board run", &made),
+        ("Flexor: board run", &made_from(args, bench)),
         (keys, facts),
         (&run, &rows, &figures),
         (json, None),
@@ -182,5 +178,14 @@ fn record(
             outcome,
             out: args.out.clone(),
         }),
+    }
+}
+
+/// What a run was made from; a board's arm is not known.
+fn made_from(args: &RunArgs, bench: &Bench) -> Provenance {
+    let made = Provenance::of_inputs(&bench.inputs).gains(&bench.law);
+    match args.is_virtual {
+        true => made.plant(&bench.config.scenario.middle().plant),
+        false => made,
     }
 }
