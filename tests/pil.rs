@@ -74,7 +74,8 @@ fn pil_gives_what_run_gives_to_the_last_byte() {
     let [median, most] =
         ["instructions_median", "instructions_max"].map(|key| pil[key].as_u64().unwrap());
     assert!(100 < median && median <= most);
-    assert!(pil["timing"]["wall_s"].as_f64().unwrap() > 0.0);
+    // How long it took is no result.
+    assert!(pil.get("timing").is_none());
     std::fs::remove_dir_all(folder).unwrap();
 }
 
