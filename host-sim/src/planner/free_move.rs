@@ -10,7 +10,6 @@
 
 use crate::model::arm_model::ArmModel;
 use crate::model::configuration::Surface;
-use crate::model::link::LinkModel;
 use crate::model::rest::{Rest, rest};
 use crate::model::servo::Reference;
 use crate::planner::path::{JointWay, LinePath, Profile};
@@ -182,16 +181,10 @@ fn hanging(model: &ArmModel, angle: [f64; 2]) -> Option<Rest> {
 /// The tip of `model`'s arm in the air at the links' angles `angle`, rad: where the chord of a link that
 /// hangs by its weight has it.
 fn tip_at(model: &ArmModel, angle: [f64; 2]) -> Result<[f64; 2], PlanError> {
-    let chord_m = match model.link.kind.model {
-        LinkModel::Linear => model.arm.link2_length_m,
-        LinkModel::Geometric => {
-            let hangs = hanging(model, angle).ok_or(PlanError::Buckled { end: false })?;
-            hangs.chord_m
-        }
-    };
+    let hangs = hanging(model, angle).ok_or(PlanError::Buckled { end: false })?;
     let [e1, e2] = angle.map(|a| [libm::cos(a), libm::sin(a)]);
     let r1 = model.arm.link1_length_m;
-    Ok([0, 1].map(|i| r1 * e1[i] + chord_m * e2[i]))
+    Ok([0, 1].map(|i| r1 * e1[i] + hangs.chord_m * e2[i]))
 }
 
 /// The links' angles, rad, at which the arm rests in the air with its motors at `motor`, rad: link 2

@@ -22,7 +22,7 @@ use crate::model::arm_model::{ArmModel, ModelError};
 use crate::model::geometric_stiffness::GeometricStiffness;
 use crate::model::link::LinkKind;
 use crate::plant::PlantError;
-use crate::plant::bench::any_arm::{AnyArm, Memory};
+use crate::plant::bench::any_arm::AnyArm;
 use crate::plant::bench::contact::{Contact, ContactParameters};
 use crate::plant::bench::drive::{DriveParameters, Lag};
 use crate::plant::bench::free_arm::{Bending, Load};
@@ -271,19 +271,13 @@ struct Motors<T> {
 impl<T: Lanes> Equations<T> {
     /// Writes the time derivative of `state` to `slope` with the drives giving `torque` (N m).
     #[inline]
-    fn derivative(
-        &self,
-        torque: [T; 2],
-        state: &[T],
-        slope: &mut [T],
-        memory: &mut Memory<T>,
-    ) -> Outputs<T> {
+    fn derivative(&mut self, torque: [T; 2], state: &[T], slope: &mut [T]) -> Outputs<T> {
         let n = self.arm.dof();
         let (angle, rate) = ([state[0], state[1]], [state[2], state[3]]);
         let (state, further) = state.split_at(4 + 2 * n);
         let (slope, further_slope) = slope.split_at_mut(4 + 2 * n);
 
-        let stance = self.arm.stance(state, memory);
+        let stance = self.arm.stance(state);
         let (bending, tip, tip_velocity) = (&stance.bending, stance.tip, stance.tip_velocity);
         let motors = self.motors(torque, (angle, rate), bending, further, further_slope);
         let touch = self.surface.depth(tip);
@@ -304,7 +298,7 @@ impl<T: Lanes> Equations<T> {
             ],
         };
         let (slow, fast) = slope.split_at_mut(4 + n);
-        let turn = self.arm.forward(&stance, state, &load, (fast, memory));
+        let turn = self.arm.forward(&stance, state, &load, fast);
         slow[..2].copy_from_slice(&rate);
         slow[2..4].copy_from_slice(&turn);
         slow[4..].copy_from_slice(&state[4 + n..]);
@@ -381,7 +375,6 @@ impl<T: Lanes> Equations<T> {
 pub struct CompliantPlant<T> {
     equations: Equations<T>,
     method: RungeKutta<T>,
-    memory: Memory<T>,
     lag: Lag<T>,
     /// Integration step, s, and how many make a control period.
     step: f64,
@@ -463,7 +456,6 @@ impl<T: Lanes> CompliantPlant<T> {
         let arm = AnyArm::new(|lane| arms[lane].model, geometric.is_any());
         let step = period_s / f64::from(steps);
         Ok(Self {
-            memory: arm.memory(),
             equations: Equations {
                 arm,
                 surface: SurfaceShape::new(|lane| &parameters(lane).surface),
@@ -497,7 +489,6 @@ impl<T: Lanes> CompliantPlant<T> {
         let Self {
             equations,
             method,
-            memory,
             lag,
             ..
         } = self;
@@ -507,7 +498,7 @@ impl<T: Lanes> CompliantPlant<T> {
             method.step(&mut self.state, self.step, |_, state, slope| {
                 let torque = lag.at(stage, begun, target);
                 stage += 1;
-                equations.derivative(torque, state, slope, memory);
+                equations.derivative(torque, state, slope);
             });
             self.torque = lag.at(4, begun, target);
         }
@@ -516,13 +507,10 @@ impl<T: Lanes> CompliantPlant<T> {
     /// What can be seen now.
     pub fn outputs(&mut self) -> Outputs<T> {
         let Self {
-            equations,
-            slope,
-            memory,
-            ..
+            equations, slope, ..
         } = self;
-        let mut outputs = equations.derivative(self.torque, &self.state, slope, memory);
-        outputs.root_moment = outputs.root_torque - equations.arm.hub_torque(slope, memory);
+        let mut outputs = equations.derivative(self.torque, &self.state, slope);
+        outputs.root_moment = outputs.root_torque - equations.arm.hub_torque(slope);
         outputs
     }
 }

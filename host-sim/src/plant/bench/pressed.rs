@@ -7,7 +7,7 @@
 //! plant's.
 
 use crate::model::arm_model::ArmModel;
-use crate::plant::bench::any_arm::{AnyArm, Memory};
+use crate::plant::bench::any_arm::AnyArm;
 use crate::plant::bench::contact::pressing;
 use crate::plant::bench::free_arm::Load;
 use crate::plant::bench::lanes::Lanes;
@@ -57,15 +57,13 @@ pub struct PressedReading<T> {
 pub struct PressedArm<T> {
     arm: AnyArm<T>,
     plane: Option<PressedPlane>,
-    memory: Memory<T>,
 }
 
 impl<T: Lanes> PressedArm<T> {
     /// `model`'s arm on `plane`; `geometric` lets axial forces change its bending stiffness.
     pub fn new(model: &ArmModel, geometric: bool, plane: Option<PressedPlane>) -> Self {
         let arm = AnyArm::new(|_| model, geometric);
-        let memory = arm.memory();
-        Self { arm, plane, memory }
+        Self { arm, plane }
     }
 
     /// Writes the derivative of `state` to `slope` and returns what is seen, the drives giving
@@ -82,7 +80,7 @@ impl<T: Lanes> PressedArm<T> {
         let n = self.arm.dof();
         let (angle, rate) = ([state[0], state[1]], [state[2], state[3]]);
         let state = &state[..4 + 2 * n];
-        let stance = self.arm.stance(state, &mut self.memory);
+        let stance = self.arm.stance(state);
         let (tip, velocity) = (stance.tip, stance.tip_velocity);
         let (mut force, mut on_surface) = (T::ZERO, [T::ZERO; 2]);
         if let Some(plane) = &self.plane {
@@ -100,14 +98,13 @@ impl<T: Lanes> PressedArm<T> {
             tip: on_surface,
         };
         let (head, q_acceleration) = slope[..4 + 2 * n].split_at_mut(4 + n);
-        let work = (q_acceleration, &mut self.memory);
-        let turn = self.arm.forward(&stance, state, &load, work);
+        let turn = self.arm.forward(&stance, state, &load, q_acceleration);
         head[..2].copy_from_slice(&rate);
         head[2..4].copy_from_slice(&turn);
         head[4..].copy_from_slice(&state[4 + n..]);
         PressedReading {
             motor_angle: [angle[0], angle[1] + stance.bending.root - angle[0]],
-            root_moment: torque[1] - self.arm.hub_torque(slope, &self.memory),
+            root_moment: torque[1] - self.arm.hub_torque(slope),
             force,
         }
     }
