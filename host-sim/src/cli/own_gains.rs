@@ -9,9 +9,9 @@ use crate::analysis::hybrid::{
 };
 use crate::campaign::scenario::Scenario;
 use crate::files::{config, export};
+use crate::model::link::LinkKind;
 use crate::planner::plan::Plan;
 use flexor::control::{HybridParameters, MotionParameters};
-use flexor::model::ArmParameters;
 use serde_json::{Map, Value, json};
 
 /// Poses of the path at which a design is made and gains are held against a scenario.
@@ -39,11 +39,18 @@ fn laid_over(base: LoopSpread, scenario: &Scenario) -> LoopSpread {
         friction,
         drive_bandwidth_hz: slowest,
         delay_ticks: (latest as usize).max(1),
+        link: base.link,
     }
 }
 
+/// How the link of `scenario`'s arms bends, where that of `plan` is meant.
+fn link_of(scenario: &Scenario, plan: &Plan) -> LinkKind {
+    scenario.middle().plant.link(plan.model.link.kind)
+}
+
 /// The arms of `scenario`: what it leaves out is as planned.
-fn arms_of(scenario: &Scenario, arm: &ArmParameters) -> LoopSpread {
+fn arms_of(scenario: &Scenario, plan: &Plan) -> LoopSpread {
+    let arm = &plan.model.arm;
     let contact = scenario.middle().compliant.contact.stiffness_n_m;
     let planned = LoopSpread {
         root_inertia_kgm2: [arm.root_inertia_kgm2; 2],
@@ -52,7 +59,7 @@ fn arms_of(scenario: &Scenario, arm: &ArmParameters) -> LoopSpread {
         damping_scale: [1.0; 2],
         contact_stiffness_n_m: [contact; 2],
         friction: 0.0,
-        ..LoopSpread::uncalibrated(arm)
+        ..LoopSpread::uncalibrated(arm, link_of(scenario, plan))
     };
     laid_over(planned, scenario)
 }
@@ -62,7 +69,8 @@ fn arms_of(scenario: &Scenario, arm: &ArmParameters) -> LoopSpread {
 pub(super) fn to_be_held(scenario: &Scenario, plan: &Plan) -> LoopSpread {
     let arm = &plan.model.arm;
     let leverage = friction_leverage(&poses(plan, DESIGN_POSES));
-    let usual = LoopSpread::uncalibrated(arm).with_friction_for(leverage);
+    let usual =
+        LoopSpread::uncalibrated(arm, link_of(scenario, plan)).with_friction_for(leverage);
     let mut spread = laid_over(usual, scenario);
     if spread.root_inertia_kgm2[1] == 0.0 {
         spread.root_inertia_kgm2 = LoopSpread::unknown_root_inertia(arm);
@@ -126,7 +134,7 @@ pub(super) fn hold(
     law: &HybridParameters,
 ) -> Result<(Map<String, Value>, Option<String>), HybridError> {
     let arm = &plan.model.arm;
-    let spread = arms_of(scenario, arm);
+    let spread = arms_of(scenario, plan);
     let poses = poses(plan, DESIGN_POSES);
     let subject = Subject {
         arm,

@@ -240,6 +240,14 @@ impl ArmModel {
         })
     }
 
+    /// The same with no more Gauss points on link 2 than a simulation needs: a geometrically exact link's
+    /// torques are then true to 6e-6 N m where they are to 5e-9 as it is made, on the paper's task in 0.4 s.
+    #[must_use]
+    pub fn with_few_points(mut self) -> Self {
+        self.link.take_few_points(&self.arm, self.elements);
+        self
+    }
+
     /// Number of elastic degrees of freedom, twice the number of elements.
     pub fn dof(&self) -> usize {
         self.stiffness.len()

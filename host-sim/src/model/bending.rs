@@ -20,7 +20,7 @@
 //! that act there ([`crate::model::link_dynamics`]); so virtual work is exact in the discrete system, its
 //! mass matrix symmetric and its energy kept.
 
-use crate::model::link::{Link, LinkModel, POINTS};
+use crate::model::link::{Link, LinkModel, with_points};
 use flexor::number::Real;
 
 /// Nodal deflections and slopes of link 2 (m, rad), their rates and accelerations, as the equations read
@@ -40,6 +40,21 @@ impl<T: Real> Nodal<T> for Given<'_, T> {
     fn sum(&self, order: usize, first: usize, coefficients: &[f64]) -> T {
         let unknowns = &self.0[order][first..first + coefficients.len()];
         let terms = coefficients.iter().zip(unknowns);
+        terms.fold(T::ZERO, |sum, (c, x)| sum + x.scaled(*c))
+    }
+}
+
+/// The unknowns and their rates, for what a motion takes without accelerations.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Moving<'a, T>(pub(crate) [&'a [T]; 2]);
+
+impl<T: Real> Nodal<T> for Moving<'_, T> {
+    #[inline]
+    fn sum(&self, order: usize, first: usize, coefficients: &[f64]) -> T {
+        let Some(numbers) = self.0.get(order) else {
+            return T::ZERO;
+        };
+        let terms = coefficients.iter().zip(&numbers[first..]);
         terms.fold(T::ZERO, |sum, (c, x)| sum + x.scaled(*c))
     }
 }
@@ -112,9 +127,11 @@ impl<T: Real> Bent<T> {
         self.root = end_angle(link, nodal, 0);
         self.tip = end_angle(link, nodal, n - 1);
         self.elastic.fill(T::ZERO);
-        for element in 0..link.sections.len() / POINTS {
-            self.element(link, nodal, element);
-        }
+        with_points!(link, POINTS => {
+            for element in 0..link.elements() {
+                self.element::<POINTS>(link, nodal, element);
+            }
+        });
         if !link.modal_damping.is_empty() {
             let rows = link.modal_damping.as_slice().chunks_exact(n);
             for (row, elastic) in rows.zip(&mut self.elastic) {
@@ -125,7 +142,12 @@ impl<T: Real> Bent<T> {
     }
 
     /// Adds an element, whose beginning the chord has come to.
-    fn element(&mut self, link: &Link, nodal: &impl Nodal<T>, element: usize) {
+    fn element<const POINTS: usize>(
+        &mut self,
+        link: &Link,
+        nodal: &impl Nodal<T>,
+        element: usize,
+    ) {
         let begin = element * POINTS;
         // dX/ds, its rate and acceleration.
         let mut stretches = [[T::ONE, T::ZERO, T::ZERO]; POINTS];
@@ -184,15 +206,20 @@ impl<T: Real> Bent<T> {
     }
 
     /// Lays the sections of an element, the first of which is `begin`, along the chord.
-    fn lay_out(&mut self, link: &Link, begin: usize, stretches: &[[T; 3]; POINTS]) {
+    fn lay_out<const POINTS: usize>(
+        &mut self,
+        link: &Link,
+        begin: usize,
+        stretches: &[[T; 3]; POINTS],
+    ) {
         // The linear model's chord moves with no section.
         let orders = match link.kind.model {
             LinkModel::Linear => 1,
             LinkModel::Geometric => 3,
         };
         for order in 0..orders {
-            let integral = |from: T, weights: &[f64; POINTS]| {
-                let terms = weights.iter().zip(stretches);
+            let integral = |from: T, weights: &[f64]| {
+                let terms = weights[..POINTS].iter().zip(stretches);
                 terms.fold(from, |sum, (weight, stretch)| {
                     sum + stretch[order].scaled(*weight)
                 })

@@ -8,10 +8,10 @@
 //! `P = integral of sigma N'` up to the point is how far a change of the unknowns draws it towards
 //! joint 2. `h` is what the motion takes without accelerations.
 
-use crate::model::arm_model::ArmModel;
-use crate::model::bending::{Bent, Given};
+use crate::model::arm_model::{ArmModel, NodalBeam};
+use crate::model::bending::{Bent, Moving};
 use crate::model::configuration::{Configuration, State, Surface};
-use crate::model::link::{Link, LinkModel, POINTS};
+use crate::model::link::{Link, LinkModel, with_points};
 use crate::model::link_dynamics::required_into;
 use flexor::model::JointMotion;
 use flexor::number::Real;
@@ -19,28 +19,31 @@ use flexor::number::Real;
 /// Memory that [`BentArm`] works in, and what it leaves: the arm at an instant.
 #[derive(Clone, Debug)]
 pub struct BentArm<T> {
-    /// Nodal unknowns, their rates, and zeros.
-    nodal: [Vec<T>; 3],
+    /// Nodal unknowns and their rates.
+    nodal: [Vec<T>; 2],
     bent: Bent<T>,
     /// Mass matrix, lower triangle, row by row; then its factor.
     mass: Vec<T>,
     /// `-P` at the beginning of an element; at the end of all, of the tip.
     drawn: Vec<T>,
+    /// Sum over all points of their mass times `-P`, kg m; without what is beyond an unknown's last element
+    /// until all are known.
+    drawn_moment: Vec<T>,
+    /// For the factor.
+    column: Vec<T>,
     /// `B tau - h`, then the accelerations that it makes.
     acceleration: Vec<T>,
     /// The contact's row J, then the accelerations that a force of 1 N takes away.
     contact: [Vec<T>; 2],
 }
 
-/// First moments of an element.
+/// First moments of the elements up to a place.
 struct Moments<T> {
-    /// Its mass, kg.
+    /// Their mass, kg.
     mass: f64,
-    /// Of its points' places along the chord and off it, kg m.
+    /// Of their points' places along the chord and off it, kg m.
     along: T,
     off: T,
-    /// Of what its own unknowns draw its points by.
-    draw: [T; 4],
 }
 
 /// Place of row `i` in a lower triangle.
@@ -54,10 +57,12 @@ impl<T: Real> BentArm<T> {
         let n = model.dof();
         let size = n + 2;
         Self {
-            nodal: [(); 3].map(|()| vec![T::ZERO; n]),
+            nodal: [(); 2].map(|()| vec![T::ZERO; n]),
             bent: Bent::empty(&model.link),
             mass: vec![T::ZERO; row(size)],
             drawn: vec![T::ZERO; n],
+            drawn_moment: vec![T::ZERO; n],
+            column: vec![T::ZERO; size],
             acceleration: vec![T::ZERO; size],
             contact: [(); 2].map(|()| vec![T::ZERO; size]),
         }
@@ -65,7 +70,7 @@ impl<T: Real> BentArm<T> {
 
     /// Takes over the shape of `state`, in modal coordinates.
     fn bend(&mut self, model: &ArmModel, state: State<'_, T>) {
-        let [w, w_t, _] = &mut self.nodal;
+        let [w, w_t] = &mut self.nodal;
         for (nodal, modal) in [(w, state.q()), (w_t, state.q_rate())] {
             nodal.fill(T::ZERO);
             for (shape, q) in model.shapes.column_iter().zip(modal) {
@@ -74,8 +79,8 @@ impl<T: Real> BentArm<T> {
                 }
             }
         }
-        let [w, w_t, zero] = &self.nodal;
-        self.bent.bend(&model.link, &Given([w, w_t, zero]));
+        let [w, w_t] = &self.nodal;
+        self.bent.bend(&model.link, &Moving([w, w_t]));
     }
 
     /// The chord's length (m) and its rate, and the angle of link 2's root against it (rad) and its rate,
@@ -108,7 +113,7 @@ impl<T: Real> BentArm<T> {
         let bias = self.contact_row(model, &configuration, state, normal);
         let [row, taken] = &mut self.contact;
         taken.copy_from_slice(row);
-        factor(&mut self.mass, self.acceleration.len());
+        factor(&mut self.mass, &mut self.column);
         solve(&self.mass, &mut self.acceleration);
         solve(&self.mass, taken);
         let along = |x: &[T]| row.iter().zip(x).fold(T::ZERO, |sum, (j, x)| sum + *j * *x);
@@ -134,7 +139,7 @@ impl<T: Real> BentArm<T> {
         q_acceleration: &mut [T],
     ) -> Accelerations<T> {
         self.set_up(model, configuration, state, torque, force);
-        factor(&mut self.mass, self.acceleration.len());
+        factor(&mut self.mass, &mut self.column);
         solve(&self.mass, &mut self.acceleration);
         self.found(model, T::ZERO, q_acceleration)
     }
@@ -195,123 +200,141 @@ impl<T: Real> BentArm<T> {
     fn fill_mass(&mut self, model: &ArmModel, configuration: &Configuration<T>) {
         let r1 = model.arm.link1_length_m;
         let joint2 = [configuration.c.scaled(r1), configuration.s.scaled(r1)];
-        self.mass.fill(T::ZERO);
+        let [sway, _] = joint2;
+        // What does not depend on the shape: link 1, and how the points of link 2 leave the chord.
+        self.mass[..row(2)].fill(T::ZERO);
         self.mass[0] = T::from_f64(model.link1_inertia);
-        self.drawn.fill(T::ZERO);
-        for begin in (0..self.bent.sections.len()).step_by(POINTS) {
-            let moments = self.add_element(&model.link, joint2, begin);
-            if model.link.kind.model == LinkModel::Geometric {
-                self.add_drawn(&model.link, joint2[1], begin, &moments);
+        let NodalBeam {
+            translating_mass,
+            first_moment,
+            ..
+        } = &model.nodal;
+        for i in 0..model.dof() {
+            let line = &mut self.mass[row(2 + i)..][..3 + i];
+            line[0] = sway.scaled(first_moment[i]);
+            line[1] = T::ZERO;
+            // Symmetric: columns are rows.
+            for (mass, constant) in line[2..].iter_mut().zip(translating_mass.column(i)) {
+                *mass = T::from_f64(*constant);
             }
         }
-        self.add_ends(model, joint2);
+        self.drawn.fill(T::ZERO);
+        self.drawn_moment.fill(T::ZERO);
+        let mut all = Moments {
+            mass: 0.0,
+            along: T::ZERO,
+            off: T::ZERO,
+        };
+        with_points!(model.link, POINTS => {
+            for element in 0..model.link.elements() {
+                self.add_element::<POINTS>(&model.link, element, &mut all);
+            }
+        });
+        self.add_ends(model, joint2, &all);
     }
 
-    /// How far the unknowns of the element whose first point is `begin` draw its points along the chord: `-P`
-    /// without what earlier elements do.
-    fn own_draws(&self, link: &Link, begin: usize) -> [[T; 4]; POINTS] {
-        let mut draws = [[T::ZERO; 4]; POINTS];
-        if link.kind.model == LinkModel::Linear {
-            return draws;
-        }
-        for (draws, weights) in draws.iter_mut().zip(&link.partial) {
-            for (weight, from) in weights.iter().zip(begin..) {
-                let shortening = self.bent.sections[from].shortening.scaled(*weight);
-                for (d, f) in draws.iter_mut().zip(link.sections[from].slope()) {
-                    *d -= shortening.scaled(*f);
+    /// How far the unknowns of the element whose first point is `begin` draw its points along the chord, `-P`:
+    /// what those of them have done before that belong to the element before it, too.
+    fn draws<const POINTS: usize>(&self, link: &Link, begin: usize) -> [[T; 4]; POINTS] {
+        let (first, count) = (link.sections[begin].first, link.sections[begin].count);
+        let mut before = [T::ZERO; 4];
+        before[..count].copy_from_slice(&self.drawn[first..first + count]);
+        let mut draws = [before; POINTS];
+        if link.kind.model == LinkModel::Geometric {
+            for (draws, weights) in draws.iter_mut().zip(&link.partial) {
+                for (weight, from) in weights[..POINTS].iter().zip(begin..) {
+                    let shortening = self.bent.sections[from].shortening.scaled(*weight);
+                    for (d, f) in draws.iter_mut().zip(link.sections[from].slope()) {
+                        *d -= shortening.scaled(*f);
+                    }
                 }
             }
         }
         draws
     }
 
-    /// Adds an element's points, but for what earlier elements draw them by.
-    fn add_element(&mut self, link: &Link, [sway, surge]: [T; 2], begin: usize) -> Moments<T> {
+    /// Adds an element, behind `all` before it, with its own unknowns.
+    ///
+    /// What is beyond an unknown's last element it draws by the same way. So its products with the unknowns
+    /// there are this way times their [`drawn_moment`](Self::drawn_moment), and are added at the end, in one go
+    /// for all: what is in that sum and no such product is taken off here.
+    fn add_element<const POINTS: usize>(
+        &mut self,
+        link: &Link,
+        element: usize,
+        all: &mut Moments<T>,
+    ) {
+        let begin = element * POINTS;
         let (first, count) = (link.sections[begin].first, link.sections[begin].count);
-        let draws = self.own_draws(link, begin);
-        let mut moments = Moments {
-            mass: 0.0,
-            along: T::ZERO,
-            off: T::ZERO,
-            draw: [T::ZERO; 4],
-        };
-        let mass = &mut self.mass;
+        let draws = self.draws::<POINTS>(link, begin);
+        let mut block = [[T::ZERO; 4]; 4];
+        let mut turned = [T::ZERO; 4];
+        let mut moment = [T::ZERO; 4];
         for (point, draw) in draws.iter().enumerate() {
             let section = &self.bent.sections[begin + point];
             let own = link.sections[begin + point].value();
             let dm = link.mass[point];
             let ([w, ..], [x, ..]) = (section.off, section.along);
             let (dm_w, dm_x) = (w.scaled(dm), x.scaled(dm));
-            moments.mass += dm;
-            moments.along += dm_x;
-            moments.off += dm_w;
-            mass[2] += x * dm_x + w * dm_w;
-            for i in 0..count {
-                moments.draw[i] += draw[i].scaled(dm);
-                let line = row(2 + first + i);
-                mass[line] += (sway.scaled(own[i]) + surge * draw[i]).scaled(dm);
-                mass[line + 1] += dm_x.scaled(own[i]) - dm_w * draw[i];
+            all.mass += dm;
+            all.along += dm_x;
+            all.off += dm_w;
+            self.mass[2] += x * dm_x + w * dm_w;
+            for (i, own) in own.iter().enumerate() {
+                let drawn = draw[i].scaled(dm);
+                moment[i] += drawn;
+                turned[i] += dm_x.scaled(*own) - dm_w * draw[i];
                 for j in 0..=i {
-                    let across = T::from_f64(dm * own[i] * own[j]);
-                    mass[line + 2 + first + j] += across + (draw[i] * draw[j]).scaled(dm);
+                    block[i][j] += drawn * draw[j];
                 }
             }
         }
-        mass[0] += (sway * sway + surge * surge).scaled(moments.mass);
-        mass[1] += sway * moments.along - surge * moments.off;
-        moments
-    }
-
-    /// Adds what earlier elements draw an element with these `moments` by, the same at all its points; then
-    /// what its own unknowns draw all that is beyond it.
-    fn add_drawn(&mut self, link: &Link, surge: T, begin: usize, moments: &Moments<T>) {
-        let (first, count) = (link.sections[begin].first, link.sections[begin].count);
-        let mass = &mut self.mass;
-        for i in 0..first + count {
-            let drawn = self.drawn[i];
-            let line = row(2 + i);
-            let whole = drawn.scaled(moments.mass);
-            mass[line] += surge * whole;
-            mass[line + 1] -= moments.off * drawn;
-            for j in 0..=i {
-                mass[line + 2 + j] += whole * self.drawn[j];
-            }
-            // The element's own draws with those of all before, and the other way round.
-            if let Some(own) = i.checked_sub(first) {
-                for j in 0..=i {
-                    mass[line + 2 + j] += moments.draw[own] * self.drawn[j];
-                }
-            }
-            for (j, moment) in (first..=i).zip(&moments.draw[..count]) {
-                mass[line + 2 + j] += drawn * *moment;
-            }
-        }
-        for (weight, from) in link.whole.iter().zip(begin..) {
+        for (weight, from) in link.whole[..POINTS].iter().zip(begin..) {
             let shortening = self.bent.sections[from].shortening.scaled(*weight);
             for (i, f) in (first..).zip(link.sections[from].slope()) {
                 self.drawn[i] -= shortening.scaled(*f);
             }
         }
+        // Those of its unknowns that no element after it has.
+        let last = element + 1 == link.elements();
+        let next = if last { first + count } else { 2 * element + 1 };
+        for i in 0..count {
+            self.drawn_moment[first + i] += moment[i];
+            let moment = self.drawn_moment[first + i];
+            let line = &mut self.mass[row(2 + first + i)..][..3 + first + i];
+            line[1] += turned[i];
+            for j in 0..=i {
+                line[2 + first + j] += block[i][j];
+                if first + j < next {
+                    line[2 + first + j] -= self.drawn[first + j] * moment;
+                }
+            }
+        }
+        for i in first..next {
+            let drawn = self.drawn[i];
+            self.drawn_moment[i] -= drawn.scaled(all.mass);
+            self.mass[row(2 + i) + 1] += drawn * all.off;
+        }
     }
 
-    /// Adds tip mass, root and tip inertia to the mass matrix.
-    fn add_ends(&mut self, model: &ArmModel, [sway, surge]: [T; 2]) {
+    /// Adds tip mass, root and tip inertia to the mass matrix, and what unknowns draw beyond their elements.
+    fn add_ends(&mut self, model: &ArmModel, [sway, surge]: [T; 2], all: &Moments<T>) {
         let arm = &model.arm;
         let n = self.drawn.len();
         let length = self.bent.chord[0];
         let mass = &mut self.mass;
         let m = arm.tip_mass_kg;
-        if m > 0.0 {
-            mass[0] += (sway * sway + surge * surge).scaled(m);
-            mass[1] += (sway * length).scaled(m);
-            mass[2] += (length * length).scaled(m);
-            for i in 0..n {
-                let drawn = self.drawn[i].scaled(m);
-                let line = row(2 + i);
-                mass[line] += surge * drawn;
-                for j in 0..=i {
-                    mass[line + 2 + j] += drawn * self.drawn[j];
-                }
+        mass[0] += (sway * sway + surge * surge).scaled(all.mass + m);
+        mass[1] += sway * (all.along + length.scaled(m)) - surge * all.off;
+        mass[2] += (length * length).scaled(m);
+        for i in 0..n {
+            let drawn = self.drawn[i];
+            let moment = self.drawn_moment[i] + drawn.scaled(all.mass + m);
+            let line = &mut mass[row(2 + i)..][..3 + i];
+            line[0] += surge * moment;
+            line[1] -= drawn * all.off;
+            for (mass, drawn) in line[2..].iter_mut().zip(&self.drawn) {
+                *mass += moment * *drawn;
             }
         }
         let ends = [
@@ -364,28 +387,24 @@ pub struct Accelerations<T> {
     pub force: T,
 }
 
-/// Factors a symmetric positive definite matrix of `size` rows, lower triangle row by row, into
-/// `L D L'`: L below the diagonal, the reciprocals of D on it.
-fn factor<T: Real>(a: &mut [T], size: usize) {
-    for i in 0..size {
-        let (before, line) = a.split_at_mut(row(i));
-        let line = &mut line[..=i];
-        // line := D L' of this row.
-        for j in 0..i {
-            let other = &before[row(j)..][..j];
-            let sum = other
-                .iter()
-                .zip(&line[..j])
-                .fold(T::ZERO, |sum, (l, x)| sum + *l * *x);
-            line[j] -= sum;
+/// Factors a symmetric positive definite matrix, lower triangle row by row, into
+/// `L D L'`: L below the diagonal, the reciprocals of D on it. `column` is memory for as many numbers.
+fn factor<T: Real>(a: &mut [T], column: &mut [T]) {
+    for j in 0..column.len() {
+        let pivot = T::ONE / a[row(j) + j];
+        a[row(j) + j] = pivot;
+        // D L' of this column, so that what is done with it runs along rows.
+        for (i, below) in column.iter_mut().enumerate().skip(j + 1) {
+            *below = a[row(i) + j];
         }
-        let mut pivot = line[i];
-        for j in 0..i {
-            let scaled = line[j];
-            line[j] = scaled * before[row(j) + j];
-            pivot -= scaled * line[j];
+        for i in j + 1..column.len() {
+            let line = &mut a[row(i) + j..][..=i - j];
+            let scaled = line[0] * pivot;
+            line[0] = scaled;
+            for (x, below) in line[1..].iter_mut().zip(&column[j + 1..]) {
+                *x -= scaled * *below;
+            }
         }
-        line[i] = T::ONE / pivot;
     }
 }
 

@@ -3,7 +3,7 @@
 use crate::model::arm_model::ArmModel;
 use crate::model::bending::{Bent, Given};
 use crate::model::configuration::{Configuration, State};
-use crate::model::link::{LinkModel, POINTS};
+use crate::model::link::LinkModel;
 
 /// Kinetic energy plus elastic and gravitational potential, J, of the arm in `state`. Without the linear
 /// model's geometric stiffness, which has no potential in that formulation.
@@ -35,7 +35,7 @@ pub fn energy(model: &ArmModel, state: State<'_, f64>) -> f64 {
     let mut potential =
         -0.5 * arm.link1_mass_kg * at_joint2 - arm.tip_mass_kg * (at_joint2 + length * g_e);
     for (i, (section, functions)) in bent.sections.iter().zip(&link.sections).enumerate() {
-        let point = i % POINTS;
+        let point = i % link.points;
         let ([off, off_t, _], [along, along_t, _]) = (section.off, section.along);
         let mass = link.mass[point];
         twice_kinetic += mass * squared([along, along_t], [off, off_t]);

@@ -1,7 +1,7 @@
-//! The six Gauss-Legendre points of an interval, of time or of the link, and integration of what is
-//! known there.
+//! Gauss-Legendre points of an interval, of time or of the link, and integration of what is known
+//! there.
 
-/// Gauss points of an interval.
+/// Gauss points of an interval of time.
 pub(crate) const STAGES: usize = 6;
 
 /// Coefficients of `q` on an interval: its second derivative is a polynomial through
@@ -18,6 +18,57 @@ pub(crate) const ABSCISSAS: [f64; STAGES] = [
     0.966_234_757_101_576,
 ];
 
+/// The four of them.
+pub(crate) const FOUR_ABSCISSAS: [f64; 4] = [
+    0.069_431_844_202_973_71,
+    0.330_009_478_207_571_87,
+    0.669_990_521_792_428_1,
+    0.930_568_155_797_026_3,
+];
+
+/// `[j]`: coefficients, ascending, of the polynomial that is 1 at point `c[j]` and 0 at the others.
+fn lagrange<const N: usize>(c: [f64; N]) -> [[f64; N]; N] {
+    let mut lagrange = [[0.0; N]; N];
+    for (j, polynomial) in lagrange.iter_mut().enumerate() {
+        polynomial[0] = 1.0;
+        let mut degree = 0;
+        for m in (0..N).filter(|m| *m != j) {
+            // times (x - c_m) / (c_j - c_m)
+            degree += 1;
+            for i in (0..=degree).rev() {
+                let below = if i > 0 { polynomial[i - 1] } else { 0.0 };
+                polynomial[i] = (below - c[m] * polynomial[i]) / (c[j] - c[m]);
+            }
+        }
+    }
+    lagrange
+}
+
+/// `[j]`: integral of each of these polynomials from 0 to `x`, taken `order` (1 or 2) times.
+fn integrals<const N: usize>(lagrange: &[[f64; N]; N], x: f64, order: i32) -> [f64; N] {
+    lagrange.map(|polynomial| {
+        let sum = polynomial.iter().enumerate().rev().fold(0.0, |sum, (m, p)| {
+            let m = m as f64;
+            let divisor = if order == 1 {
+                m + 1.0
+            } else {
+                (m + 1.0) * (m + 2.0)
+            };
+            sum * x + p / divisor
+        });
+        sum * if order == 1 { x } else { x * x }
+    })
+}
+
+/// Weights of the points `c` for integrals over the unit interval: `[i]` from 0 to point `i`, and to 1.
+pub(crate) fn weights<const N: usize>(c: [f64; N]) -> ([[f64; N]; N], [f64; N]) {
+    let lagrange = lagrange(c);
+    (
+        c.map(|x| integrals(&lagrange, x, 1)),
+        integrals(&lagrange, 1.0, 1),
+    )
+}
+
 /// The method's constants, for an interval of unit length.
 pub(crate) struct Method {
     /// `lagrange[j]`: coefficients, ascending, of the Lagrange polynomial of point j.
@@ -30,34 +81,16 @@ pub(crate) struct Method {
 
 impl Method {
     pub(crate) fn new() -> Self {
-        let c = ABSCISSAS;
-        let mut lagrange = [[0.0; STAGES]; STAGES];
-        for (j, polynomial) in lagrange.iter_mut().enumerate() {
-            polynomial[0] = 1.0;
-            let mut degree = 0;
-            for m in (0..STAGES).filter(|m| *m != j) {
-                // times (x - c_m) / (c_j - c_m)
-                degree += 1;
-                for i in (0..=degree).rev() {
-                    let below = if i > 0 { polynomial[i - 1] } else { 0.0 };
-                    polynomial[i] = (below - c[m] * polynomial[i]) / (c[j] - c[m]);
-                }
-            }
-        }
-        let integral = |divisor: fn(f64) -> f64, order: i32| {
+        let lagrange = lagrange(ABSCISSAS);
+        let integral = |order| {
             core::array::from_fn(|s| {
-                let x = c.get(s).copied().unwrap_or(1.0);
-                core::array::from_fn(|j| {
-                    let terms = (0..STAGES).rev();
-                    let sum =
-                        terms.fold(0.0, |sum, m| sum * x + lagrange[j][m] / divisor(m as f64));
-                    sum * if order == 1 { x } else { x * x }
-                })
+                let x = ABSCISSAS.get(s).copied().unwrap_or(1.0);
+                integrals(&lagrange, x, order)
             })
         };
         Self {
-            once: integral(|m| m + 1.0, 1),
-            twice: integral(|m| (m + 1.0) * (m + 2.0), 2),
+            once: integral(1),
+            twice: integral(2),
             lagrange,
         }
     }

@@ -4,18 +4,36 @@
 //! The deflection `w` is cubic Hermite on equal elements, with the nodal values of
 //! [`flexor::model::Beam`]; what it is a function of is the *arc length* `s` from joint 2 in the
 //! geometric model and the place on the chord in the linear one. All integrals over the link are sums
-//! over six Gauss points an element: exact for the linear model, and to 5e-9 N m of torque for the
-//! geometric one (five points 2e-7, four 6e-6, on the paper's task in 0.4 s).
+//! over the Gauss points of its elements. Four are exact for the linear model. The geometric one is planned
+//! with six, to 5e-9 N m of torque on the paper's task in 0.4 s, and simulated on the bench with four, to 6e-6
+//! N m (five: 2e-7), in two thirds of the time.
 //!
 //! Glossary: *chord*: the straight line from joint 2 to the tip; *section angle*: the angle of the
 //! link's tangent against the chord.
 
-use crate::model::gauss::{ABSCISSAS, Method, STAGES};
+use crate::model::gauss::{ABSCISSAS, FOUR_ABSCISSAS, STAGES, weights};
 use flexor::model::ArmParameters;
 use nalgebra::DMatrix;
 
-/// Gauss points of an element.
-pub(crate) const POINTS: usize = STAGES;
+/// Gauss points of an element, at the most.
+pub(crate) const POINTS_MAX: usize = STAGES;
+
+/// Those of the linear model, and of whatever has to be fast.
+const POINTS_FEW: usize = FOUR_ABSCISSAS.len();
+
+/// Evaluates `$body` with the constant `$points` set to the number of Gauss points of an element of `$link`.
+macro_rules! with_points {
+    ($link:expr, $points:ident => $body:expr) => {
+        if $link.points == 4 {
+            const $points: usize = 4;
+            $body
+        } else {
+            const $points: usize = $crate::model::link::POINTS_MAX;
+            $body
+        }
+    };
+}
+pub(crate) use with_points;
 
 /// How link 2 bends.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -111,14 +129,16 @@ impl Section {
 pub struct Link {
     /// Which equations.
     pub kind: LinkKind,
-    /// The Gauss points' shape functions, element by element from joint 2 on.
+    /// Gauss points of an element: 4 or [`POINTS_MAX`].
+    pub(crate) points: usize,
+    /// Their shape functions, element by element from joint 2 on.
     pub(crate) sections: Vec<Section>,
     /// Integral from an element's beginning to a point, as weights of all its points, m.
-    pub(crate) partial: [[f64; POINTS]; POINTS],
+    pub(crate) partial: [[f64; POINTS_MAX]; POINTS_MAX],
     /// Integral over an element, m.
-    pub(crate) whole: [f64; POINTS],
+    pub(crate) whole: [f64; POINTS_MAX],
     /// Mass of a point, kg.
-    pub(crate) mass: [f64; POINTS],
+    pub(crate) mass: [f64; POINTS_MAX],
     /// Bending stiffness EI, N m^2.
     pub(crate) bending_stiffness: f64,
     /// Retardation time of bending damping, s; 0 for modal damping.
@@ -137,20 +157,14 @@ impl Link {
         retardation_s: f64,
         modal_damping: &DMatrix<f64>,
     ) -> Self {
-        let element_m = arm.link2_length_m / elements as f64;
-        let Method { once, .. } = Method::new();
-        let whole = once[POINTS].map(|weight| weight * element_m);
-        let per_metre = arm.link2_mass_kg / arm.link2_length_m;
         let modal = kind.damping == LinkDamping::Modal;
-        let sections = (0..elements).flat_map(|element| {
-            ABSCISSAS.map(|x| section(x, element_m, element, element + 1 == elements))
-        });
-        Self {
+        let mut link = Self {
             kind,
-            sections: sections.collect(),
-            partial: core::array::from_fn(|i| once[i].map(|weight| weight * element_m)),
-            whole,
-            mass: whole.map(|weight| weight * per_metre),
+            points: 0,
+            sections: Vec::new(),
+            partial: [[0.0; POINTS_MAX]; POINTS_MAX],
+            whole: [0.0; POINTS_MAX],
+            mass: [0.0; POINTS_MAX],
             bending_stiffness: arm.bending_stiffness_nm2,
             retardation_s: if modal { 0.0 } else { retardation_s },
             modal_damping: if modal {
@@ -158,12 +172,54 @@ impl Link {
             } else {
                 DMatrix::zeros(0, 0)
             },
+        };
+        match kind.model {
+            LinkModel::Linear => link.take_points(arm, elements, FOUR_ABSCISSAS),
+            LinkModel::Geometric => link.take_points(arm, elements, ABSCISSAS),
+        }
+        link
+    }
+
+    /// Takes no more Gauss points than a simulation needs, which finds an acceleration some ten thousand
+    /// times a second. `arm` and `elements` are those that it was made of.
+    pub(super) fn take_few_points(&mut self, arm: &ArmParameters, elements: usize) {
+        if self.points > POINTS_FEW {
+            self.take_points(arm, elements, FOUR_ABSCISSAS);
+        }
+    }
+
+    /// Integrates over the Gauss points `abscissas`, on [0, 1], of each of `elements`.
+    fn take_points<const N: usize>(
+        &mut self,
+        arm: &ArmParameters,
+        elements: usize,
+        abscissas: [f64; N],
+    ) {
+        let element_m = arm.link2_length_m / elements as f64;
+        let per_metre = arm.link2_mass_kg / arm.link2_length_m;
+        let (partial, whole) = weights(abscissas);
+        let sections = (0..elements).flat_map(|element| {
+            abscissas.map(|x| section(x, element_m, element, element + 1 == elements))
+        });
+        self.points = N;
+        self.sections = sections.collect();
+        for (i, weight) in whole.into_iter().enumerate() {
+            self.whole[i] = weight * element_m;
+            self.mass[i] = weight * element_m * per_metre;
+            for (j, weight) in partial[i].into_iter().enumerate() {
+                self.partial[i][j] = weight * element_m;
+            }
         }
     }
 
     /// Number of unknowns.
     pub(crate) fn dof(&self) -> usize {
-        2 * self.sections.len() / POINTS
+        2 * self.elements()
+    }
+
+    /// Number of elements.
+    pub(crate) fn elements(&self) -> usize {
+        self.sections.len() / self.points
     }
 }
 

@@ -26,7 +26,7 @@
 use crate::model::arm_model::ArmModel;
 use crate::model::bending::Bent;
 use crate::model::configuration::Configuration;
-use crate::model::link::{Link, LinkModel, POINTS};
+use crate::model::link::{Link, LinkModel, with_points};
 use flexor::model::JointMotion;
 use flexor::number::Real;
 
@@ -146,6 +146,20 @@ pub(crate) fn required_bare<T: Real>(
     force: [T; 2],
     elastic: &mut [T],
 ) -> Bare<T> {
+    with_points!(model.link, POINTS => {
+        bare_of::<T, POINTS>(model, bent, joint, configuration, force, elastic)
+    })
+}
+
+/// The same for a link with so many Gauss points an element.
+fn bare_of<T: Real, const POINTS: usize>(
+    model: &ArmModel,
+    bent: &Bent<T>,
+    joint: &JointMotion<T>,
+    configuration: &Configuration<T>,
+    force: [T; 2],
+    elastic: &mut [T],
+) -> Bare<T> {
     let arm = &model.arm;
     let link = &model.link;
     let r1 = arm.link1_length_m;
@@ -163,7 +177,7 @@ pub(crate) fn required_bare<T: Real>(
     let mut moment = chord[0] * (sum_n + configuration.along_n2(force));
     // Force along the chord that is needed beyond an element, from the tip inwards.
     let mut beyond = sum_e + configuration.along_e2(force);
-    for element in (0..sections.len() / POINTS).rev() {
+    for element in (0..link.elements()).rev() {
         let begin = element * POINTS;
         let mut needed = [T::ZERO; POINTS];
         for point in 0..POINTS {
@@ -203,7 +217,7 @@ pub(crate) fn required_bare<T: Real>(
 
 /// Takes off the `elastic` forces what the section force along the chord does in the element whose first
 /// point is `begin`, with the force `beyond` needed beyond it, and `needed` at its points, N.
-fn pull<T: Real>(
+fn pull<T: Real, const POINTS: usize>(
     link: &Link,
     bent: &Bent<T>,
     begin: usize,

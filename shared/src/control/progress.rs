@@ -5,6 +5,11 @@
 //! path moves fast would be thrown by that: the stop is then longer by some sixteenths, and begins
 //! and ends with ramps in which that step grows and shrinks, each twice as long as what was added,
 //! or half the stop. Going on again is the same the other way round.
+//!
+//! **A change takes two ticks to begin.** Other things happen in the tick that wants it, the law's
+//! gains change for one, and how long it is to take is asked in the next one; the speed changes from
+//! the one after that. All in one tick was by far the longest there was: 838 instructions on a
+//! Cortex-M4F, where no other took more than 690.
 
 /// A table's speed of one tick a tick.
 pub(super) const FULL: u32 = 1 << 16;
@@ -46,6 +51,8 @@ pub(super) struct Progress {
     /// How the speed changes, and whether to full speed or to none.
     by: Change,
     up: bool,
+    /// Whether the last tick wanted it the other way round.
+    turns: bool,
     /// Ticks of the ramp that the speed's change is on.
     pull: u32,
 }
@@ -58,6 +65,7 @@ impl Progress {
         change: 0,
         by: Change { step: 1, ramp: 0 },
         up: false,
+        turns: false,
         pull: 0,
     };
 
@@ -81,15 +89,18 @@ impl Progress {
     }
 
     /// One tick towards full speed, or to rest; whether the table goes on by a tick. A stop takes
-    /// `stop_ticks`, and `longer` says by how many sixteenths more, where it begins.
+    /// `stop_ticks`, and `longer` says by how many sixteenths more, in the tick before it begins.
     pub(super) fn tick(&mut self, up: bool, stop_ticks: u32, longer: impl FnOnce() -> u32) -> bool {
-        if up != self.up {
-            self.up = up;
-            self.pull = 0;
-            self.by = Change::new(stop_ticks, longer());
-        }
         let before = self.rate;
-        if up {
+        let other = up != self.up;
+        if other {
+            if self.turns {
+                self.up = up;
+                self.pull = 0;
+                self.by = Change::new(stop_ticks, longer());
+            }
+            self.part += self.rate;
+        } else if up {
             self.rate += self.step(FULL - self.rate);
             if self.is_full() {
                 // A part that is left is waited for, with a speed that no damper feels.
@@ -100,6 +111,7 @@ impl Progress {
             self.rate -= self.step(self.rate);
             self.part += self.rate;
         }
+        self.turns = other && !self.turns;
         self.change = self.rate.cast_signed() - before.cast_signed();
         let goes = self.part >= FULL;
         if goes {
@@ -144,6 +156,10 @@ mod tests {
         ) {
             let mut progress = Progress::REST;
             progress.begin();
+            // Asked for in one tick, begun in the next but one.
+            for _ in 0..2 {
+                prop_assert!(progress.tick(false, ticks, || longer) && progress.is_plain());
+            }
             let (mut taken, mut way, mut steepest, mut jerk) = (0_u32, 0_u64, 0, 0);
             while progress.rate > 0 {
                 let before = progress;
@@ -184,7 +200,7 @@ mod tests {
             while !progress.is_plain() {
                 let before = progress.rate;
                 progress.tick(true, ticks, || longer);
-                prop_assert!(progress.rate > before || before == FULL);
+                prop_assert!(progress.rate > before || before == FULL || taken < 2);
                 taken += 1;
                 prop_assert!(taken < 3 * ticks + 300);
             }

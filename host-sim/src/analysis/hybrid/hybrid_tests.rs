@@ -3,6 +3,7 @@
 use super::proof::Subject;
 use super::*;
 use crate::files::config;
+use crate::model::link::LinkKind;
 use crate::planner::plan::{Plan, PlanOptions};
 use crate::planner::planning::plan;
 use crate::testing::PAPER;
@@ -156,7 +157,7 @@ fn proof(law: &HybridParameters, root_inertia_kgm2: [f64; 2]) -> Proof {
     };
     let spread = LoopSpread {
         root_inertia_kgm2,
-        ..LoopSpread::uncalibrated(&PAPER)
+        ..LoopSpread::uncalibrated(&PAPER, LinkKind::default())
     };
     Proof::new(&subject, &spread, false).unwrap()
 }
@@ -194,7 +195,7 @@ fn more_friction_than_the_path_bears_is_refused_with_the_number_that_would_do() 
     };
     let with = |friction| LoopSpread {
         friction,
-        ..LoopSpread::uncalibrated(&PAPER)
+        ..LoopSpread::uncalibrated(&PAPER, LinkKind::default())
     };
     let refused = Proof::new(&subject, &with(0.6), false).unwrap_err();
     let HybridError::Friction { accepted, .. } = refused else {
@@ -235,7 +236,7 @@ mod found {
     fn paper_spread() -> LoopSpread {
         LoopSpread {
             root_inertia_kgm2: HUB,
-            ..LoopSpread::uncalibrated(&PAPER)
+            ..LoopSpread::uncalibrated(&PAPER, LinkKind::default())
         }
     }
 
@@ -345,7 +346,7 @@ mod found {
             };
             let plan = plan(&arm, &task, &options).unwrap();
             let leverage = friction_leverage(&poses(&plan, 4));
-            let spread = LoopSpread::uncalibrated(&arm).with_friction_for(leverage);
+            let spread = LoopSpread::uncalibrated(&arm, LinkKind::default()).with_friction_for(leverage);
             let design = designed(&arm, &plan, spread);
             assert!(design.proof.is_stable());
         }

@@ -11,10 +11,13 @@ use crate::analysis::stability::sampled::exp;
 use crate::model::arm_model::ArmModel;
 use crate::model::dual::Dual;
 use crate::model::dynamics::equilibrium;
+use crate::model::link::{LinkDamping, LinkKind, LinkModel};
+use crate::model::rest::rest;
+use crate::model::servo::Reference;
 use crate::plant::bench::{PressedArm, PressedPlane};
 use crate::plant::state_of;
-use flexor::model::ArmParameters;
-use nalgebra::DMatrix;
+use flexor::model::{ArmParameters, JointMotion, Kinematics};
+use nalgebra::{DMatrix, DVector};
 
 /// Elements that a proof takes: with three a bare root's fast mode comes out half as unstable, with
 /// two it is missing.
@@ -47,8 +50,10 @@ pub struct LoopPlant {
     pub delay_ticks: usize,
     /// Finite elements of link 2.
     pub elements: usize,
-    /// Whether the contact force along link 2 changes its stiffness.
+    /// Whether the contact force along link 2 changes the stiffness of a linear link; an exact one's it does.
     pub geometric_stiffness: bool,
+    /// How link 2 bends, as the plan has it.
+    pub link: LinkKind,
 }
 
 /// Damping of the contact, N s/m, as the bench's.
@@ -69,6 +74,7 @@ impl LoopPlant {
             delay_ticks: 1,
             elements: ELEMENTS,
             geometric_stiffness: true,
+            link: LinkKind::default(),
         }
     }
 
@@ -96,6 +102,22 @@ pub struct LoopPose {
     pub force_n: f64,
     /// Direction of the surface's normal, rad.
     pub normal_angle: f64,
+}
+
+impl LoopPlant {
+    /// How its link 2 bends.
+    fn own_link(&self) -> LinkKind {
+        let damping = match self.link.damping {
+            LinkDamping::Modal => LinkDamping::Modal,
+            LinkDamping::Bending { time_s } => LinkDamping::Bending {
+                time_s: time_s.map(|time_s| self.damping_scale * time_s),
+            },
+        };
+        LinkKind {
+            damping,
+            ..self.link
+        }
+    }
 }
 
 /// The plant between two ticks: `x+ = phi x + gamma u`, `v = c x`, in deviations from rest. `x` is
@@ -155,6 +177,39 @@ struct AtRest {
     plane: Option<PressedPlane>,
     state: Vec<f64>,
     torque: [f64; 2],
+    /// Where the tip is, m.
+    tip: [f64; 2],
+}
+
+/// A shape at rest: modal coordinates, the torques that hold it (N m) and the place of the tip (m).
+type Resting = (Vec<f64>, [f64; 2], [f64; 2]);
+
+/// `model`'s arm at rest at these joint angles (rad), its tip pressing with a force (N, inertial axes).
+fn resting(
+    model: &ArmModel,
+    angle: [f64; 2],
+    pressed: [f64; 2],
+    geometric_stiffness: bool,
+) -> Option<Resting> {
+    match model.link.kind.model {
+        LinkModel::Linear => {
+            let (q, torque) = equilibrium(model, angle, pressed, geometric_stiffness)?;
+            Some((q, torque, model.kinematics.forward(angle)))
+        }
+        LinkModel::Geometric => {
+            let joint = JointMotion {
+                angle,
+                ..JointMotion::default()
+            };
+            let found = rest(model, &Reference::Joints(joint), pressed).ok()?;
+            let q = &model.coordinates * DVector::from_vec(found.nodal);
+            let tip = Kinematics {
+                link2_length: found.chord_m,
+                ..model.kinematics
+            };
+            Some((q.as_slice().to_vec(), found.torque, tip.forward(angle)))
+        }
+    }
 }
 
 impl AtRest {
@@ -163,18 +218,19 @@ impl AtRest {
         plant: &LoopPlant,
         pose: &LoopPose,
     ) -> Result<Self, HybridError> {
-        let mut model = ArmModel::new(&plant.arm(planned), plant.elements)?;
+        let arm = plant.arm(planned);
+        let mut model =
+            ArmModel::of_kind(&arm, plant.elements, plant.own_link())?.with_few_points();
         // The contact's part of the axial force alone, as the bench's scenarios have it.
         model.geometric_axial.fill(0.0);
         model.geometric_centrifugal.fill(0.0);
         let (sine, cosine) = libm::sincos(pose.normal_angle);
         let normal = [cosine, sine];
-        let tip = model.kinematics.forward(pose.angle);
-        let plane = plant
+        let mut plane = plant
             .contact_stiffness_n_m
             .map(|stiffness_n_m| PressedPlane {
                 normal,
-                offset_m: normal[0] * tip[0] + normal[1] * tip[1] - pose.force_n / stiffness_n_m,
+                offset_m: 0.0,
                 stiffness_n_m,
                 damping_ns_m: CONTACT_DAMPING_NS_M,
                 friction: plant.friction,
@@ -183,9 +239,13 @@ impl AtRest {
             plane.direction().map(|d| d * pose.force_n)
         });
         let geometric = plant.geometric_stiffness;
-        let (q, torque) = equilibrium(&model, pose.angle, pressed, geometric)
-            .filter(|(q, _)| q.iter().all(|x| x.is_finite()))
+        let (q, torque, tip) = resting(&model, pose.angle, pressed, geometric)
+            .filter(|(q, ..)| q.iter().all(|x| x.is_finite()))
             .ok_or(HybridError::Buckled { t_s: pose.t_s })?;
+        if let Some(plane) = &mut plane {
+            plane.offset_m =
+                normal[0] * tip[0] + normal[1] * tip[1] - pose.force_n / plane.stiffness_n_m;
+        }
         let state = state_of(pose.angle, &q, &vec![0.0; q.len()]);
         Ok(Self {
             model,
@@ -193,6 +253,7 @@ impl AtRest {
             plane,
             state,
             torque,
+            tip,
         })
     }
 
@@ -254,11 +315,7 @@ impl AtRest {
     }
 
     fn depth(&self, plane: &PressedPlane) -> f64 {
-        let tip = self
-            .model
-            .kinematics
-            .forward([self.state[0], self.state[1]]);
-        plane.normal[0] * tip[0] + plane.normal[1] * tip[1] - plane.offset_m
+        plane.normal[0] * self.tip[0] + plane.normal[1] * self.tip[1] - plane.offset_m
     }
 }
 

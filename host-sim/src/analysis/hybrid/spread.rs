@@ -1,6 +1,7 @@
 //! Which arms gains must hold.
 
 use super::plant::LoopPlant;
+use crate::model::link::LinkKind;
 use flexor::model::ArmParameters;
 
 /// A plant with a name for messages.
@@ -31,6 +32,8 @@ pub struct LoopSpread {
     pub drive_bandwidth_hz: f64,
     /// Ticks from command to drive.
     pub delay_ticks: usize,
+    /// How their link 2 bends.
+    pub link: LinkKind,
 }
 
 /// Inertia up to which an unknown hub is held, as a share of link 2's mass times its squared length:
@@ -42,8 +45,8 @@ const KNOWN_HUB: [f64; 2] = [0.5, 2.0];
 
 impl LoopSpread {
     /// As the bench's scenarios spread an arm that was not calibrated. An inertia at the root that
-    /// the arm's file gives is known to a factor of two; none is unknown.
-    pub fn uncalibrated(arm: &ArmParameters) -> Self {
+    /// the arm's file gives is known to a factor of two; none is unknown. Link 2 bends as `link` says.
+    pub fn uncalibrated(arm: &ArmParameters, link: LinkKind) -> Self {
         let known = arm.root_inertia_kgm2;
         let root_inertia_kgm2 = if known > 0.0 {
             KNOWN_HUB.map(|factor| factor * known)
@@ -59,6 +62,7 @@ impl LoopSpread {
             friction: 0.3,
             drive_bandwidth_hz: 300.0,
             delay_ticks: 1,
+            link,
         }
     }
 
@@ -87,6 +91,7 @@ impl LoopSpread {
             root_inertia_kgm2: self.root_inertia_kgm2[0],
             drive_bandwidth_hz: self.drive_bandwidth_hz,
             delay_ticks: self.delay_ticks,
+            link: self.link,
             ..LoopPlant::nominal(arm)
         }
     }

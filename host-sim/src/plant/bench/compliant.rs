@@ -84,7 +84,7 @@ impl CompliantParameters {
             root_inertia_kgm2: arm.root_inertia_kgm2 + added[1],
             ..*arm
         };
-        let mut model = ArmModel::of_kind(&arm, elements, link)?;
+        let mut model = ArmModel::of_kind(&arm, elements, link)?.with_few_points();
         model.link1_inertia += added[0];
         self.geometric_stiffness.restrict(&mut model);
         Ok(model)
