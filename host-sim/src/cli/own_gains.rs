@@ -69,8 +69,7 @@ fn arms_of(scenario: &Scenario, plan: &Plan) -> LoopSpread {
 pub(super) fn to_be_held(scenario: &Scenario, plan: &Plan) -> LoopSpread {
     let arm = &plan.model.arm;
     let leverage = friction_leverage(&poses(plan, DESIGN_POSES));
-    let usual =
-        LoopSpread::uncalibrated(arm, link_of(scenario, plan)).with_friction_for(leverage);
+    let usual = LoopSpread::uncalibrated(arm, link_of(scenario, plan)).with_friction_for(leverage);
     let mut spread = laid_over(usual, scenario);
     if spread.root_inertia_kgm2[1] == 0.0 {
         spread.root_inertia_kgm2 = LoopSpread::unknown_root_inertia(arm);

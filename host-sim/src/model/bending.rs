@@ -142,12 +142,7 @@ impl<T: Real> Bent<T> {
     }
 
     /// Adds an element, whose beginning the chord has come to.
-    fn element<const POINTS: usize>(
-        &mut self,
-        link: &Link,
-        nodal: &impl Nodal<T>,
-        element: usize,
-    ) {
+    fn element<const POINTS: usize>(&mut self, link: &Link, nodal: &impl Nodal<T>, element: usize) {
         let begin = element * POINTS;
         // dX/ds, its rate and acceleration.
         let mut stretches = [[T::ONE, T::ZERO, T::ZERO]; POINTS];

@@ -47,15 +47,19 @@ fn lagrange<const N: usize>(c: [f64; N]) -> [[f64; N]; N] {
 /// `[j]`: integral of each of these polynomials from 0 to `x`, taken `order` (1 or 2) times.
 fn integrals<const N: usize>(lagrange: &[[f64; N]; N], x: f64, order: i32) -> [f64; N] {
     lagrange.map(|polynomial| {
-        let sum = polynomial.iter().enumerate().rev().fold(0.0, |sum, (m, p)| {
-            let m = m as f64;
-            let divisor = if order == 1 {
-                m + 1.0
-            } else {
-                (m + 1.0) * (m + 2.0)
-            };
-            sum * x + p / divisor
-        });
+        let sum = polynomial
+            .iter()
+            .enumerate()
+            .rev()
+            .fold(0.0, |sum, (m, p)| {
+                let m = m as f64;
+                let divisor = if order == 1 {
+                    m + 1.0
+                } else {
+                    (m + 1.0) * (m + 2.0)
+                };
+                sum * x + p / divisor
+            });
         sum * if order == 1 { x } else { x * x }
     })
 }

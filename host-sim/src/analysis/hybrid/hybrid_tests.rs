@@ -346,7 +346,8 @@ mod found {
             };
             let plan = plan(&arm, &task, &options).unwrap();
             let leverage = friction_leverage(&poses(&plan, 4));
-            let spread = LoopSpread::uncalibrated(&arm, LinkKind::default()).with_friction_for(leverage);
+            let spread =
+                LoopSpread::uncalibrated(&arm, LinkKind::default()).with_friction_for(leverage);
             let design = designed(&arm, &plan, spread);
             assert!(design.proof.is_stable());
         }
