@@ -675,8 +675,10 @@ impl<T: TableScalar> Motion<T> {
                 return 0;
             }
             let pressed = law.force_on_joint2(reading.setpoint, reading.setpoint.force);
-            let links = reading.cursor.links(part);
-            law.motion.slowed.longer(&links, pressed)
+            // Between the links, but for the root's slope.
+            let [_, between] = reading.setpoint.motor;
+            let turn = reading.cursor.turn(part);
+            law.motion.slowed.longer((turn, between), pressed)
         });
         if reading.cursor.at_end() {
             self.progress.part = 0;

@@ -99,7 +99,9 @@ impl<T: TableScalar> SlowedPlan<T> {
         (setpoint, pressed): (&mut PoseSetpoint<T>, T),
         saturations: &mut SaturationCounts<T::SaturationCount>,
     ) {
-        let [_, slowing] = self.inertia(links, saturations);
+        let [angle1, angle2] = links.angle;
+        let between = angle2.angle_minus(angle1);
+        let [_, slowing] = self.inertia((links.turn, between), saturations);
         let count = &mut saturations.torque[0];
         let mut rest = pressed;
         for (angle, moment) in links.angle.into_iter().zip(self.moment) {
@@ -122,8 +124,9 @@ impl<T: TableScalar> SlowedPlan<T> {
 
     /// By how many sixteenths a stop has to be longer for the link's inertia to ask no more of joint
     /// 2 than the planned force does: more throws the tip off the surface, and back onto it.
-    /// `pressed` is joint 2's torque of that force, N m.
-    pub(super) fn longer(&self, links: &Links<T>, pressed: T) -> u32 {
+    /// `pressed` is joint 2's torque of that force, N m; of the links what they turn in a tick at full speed
+    /// and the angle between them, rad, which the slope of link 2's root may be in: sixteenths are coarse.
+    pub(super) fn longer(&self, links: ([T; 2], T), pressed: T) -> u32 {
         let saturations = &mut SaturationCounts::default();
         let [thrown, _] = self.inertia(links, saturations);
         let count = &mut saturations.torque[0];
@@ -141,17 +144,14 @@ impl<T: TableScalar> SlowedPlan<T> {
     }
 
     /// What a change of the speed by `unit` takes of joint 2, and in all of joint 1, as torques of
-    /// joint 1, N m.
+    /// joint 1, N m; of the links as for [`longer`](Self::longer).
     fn inertia(
         &self,
-        links: &Links<T>,
+        (turn, between): ([T; 2], T),
         saturations: &mut SaturationCounts<T::SaturationCount>,
     ) -> [T; 2] {
-        let turn = links
-            .turn
-            .map(|turn| turn.fine(self.fine, &mut saturations.motor));
-        let [angle1, angle2] = links.angle;
-        let cosine = self.quarter.angle_minus(angle2.angle_minus(angle1)).sine();
+        let turn = turn.map(|turn| turn.fine(self.fine, &mut saturations.motor));
+        let cosine = self.quarter.angle_minus(between).sine();
         let count = &mut saturations.torque[0];
         let [own1, coupled, own2] = self.inertia;
         let [of1, of2] = turn.map(|turn| {

@@ -124,7 +124,8 @@ proptest! {
             normal: 0.0,
         };
         let plan = SlowedPlan::<f64>::new(&ARM, (RATE_HZ, STOP_TICKS), (), &Formats::default());
-        let longer = plan.longer(&links, pressed);
+        let between = links.angle[1] - links.angle[0];
+        let longer = plan.longer((links.turn, between), pressed);
         let (m2, r2) = (ARM.link2_mass_kg, ARM.link2_length_m);
         let inertia = (m2 / 3.0 + ARM.tip_mass_kg) * r2 * r2
             + ARM.root_inertia_kgm2

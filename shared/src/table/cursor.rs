@@ -314,17 +314,31 @@ impl<'a, T: TableScalar> Cursor<'a, T> {
         let [theta10, theta20] = COLUMN.angle;
         let columns = [theta10, theta20, COLUMN.normal_angle];
         let [angle1, angle2, normal] = self.values(rows, columns, u);
-        let tick = T::fraction(self.piece.segments, self.phase_unit);
         Links {
             angle: [angle1, angle2],
-            turn: COLUMN.angle.map(|column| {
-                let scale = self.column_scale[column];
-                let points = Cubic::points(rows, column, scale);
-                let slope = Cubic::slope(points, u).times_in_range::<1>(tick);
-                T::from_spline(slope, scale)
-            }),
+            turn: self.turns(rows, u),
             normal,
         }
+    }
+
+    /// What the links turn in a tick at full speed, rad, where [`pose`](Self::pose) is.
+    #[cold]
+    pub(crate) fn turn(&self, part: u32) -> [T; 2] {
+        match self.rows.first_chunk() {
+            Some(rows) => self.turns(rows, self.position(part)),
+            None => [T::ZERO; 2],
+        }
+    }
+
+    /// The same at a position in the segment that begins with these rows.
+    fn turns(&self, rows: &[[u8; ROW_BYTES]; 4], u: T) -> [T; 2] {
+        let tick = T::fraction(self.piece.segments, self.phase_unit);
+        COLUMN.angle.map(|column| {
+            let scale = self.column_scale[column];
+            let points = Cubic::points(rows, column, scale);
+            let slope = Cubic::slope(points, u).times_in_range::<1>(tick);
+            T::from_spline(slope, scale)
+        })
     }
 
     /// Columns at a position in the segment that begins with these rows.

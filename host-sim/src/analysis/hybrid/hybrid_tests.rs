@@ -3,11 +3,12 @@
 use super::proof::Subject;
 use super::*;
 use crate::files::config;
-use crate::model::link::LinkKind;
+use crate::model::link::{LinkKind, LinkModel};
 use crate::planner::plan::{Plan, PlanOptions};
 use crate::planner::planning::plan;
 use crate::testing::PAPER;
 use flexor::control::HybridParameters;
+use flexor::model::ArmParameters;
 
 /// The paper's path in 2 s.
 fn paper_plan(task: &str) -> Plan {
@@ -184,6 +185,70 @@ fn the_examples_gains_hold_what_they_are_for_and_no_more() {
 }
 
 #[test]
+fn a_bent_link_that_sticks_to_the_surface_is_an_arch_that_gains_for_a_sliding_one_do_not_hold() {
+    // Its chord cannot shorten, which the linear model's does not anyway.
+    let hub = HybridParameters::PAPER_ARM_HUB;
+    let proved = |model| {
+        let poses = paper_poses();
+        let subject = Subject {
+            arm: &PAPER,
+            law: &hub,
+            poses: &poses,
+            tick_rate_hz: 5000,
+        };
+        let link = LinkKind {
+            model,
+            ..LinkKind::default()
+        };
+        let spread = LoopSpread {
+            root_inertia_kgm2: [3e-5, 3e-4],
+            ..LoopSpread::uncalibrated(&PAPER, link)
+        };
+        Proof::new(&subject, &spread, false).unwrap()
+    };
+    assert!(proved(LinkModel::Linear).is_stable());
+    let exact = proved(LinkModel::Geometric);
+    let unstable: Vec<_> = exact.all().filter(|p| !p.is_stable()).collect();
+    assert!(!unstable.is_empty());
+    assert!(unstable.iter().all(|p| p.name.contains("stuck")));
+}
+
+#[test]
+fn the_spread_is_as_wide_as_a_link_that_stands_up_by_itself_is_known() {
+    // Greenhill: a clamped column falls over at q l^3 / EI = 7.837, q its weight a metre. This one
+    // has 7, so 7.75 with two fifths of the spread and 8.15 with three.
+    let arm = ArmParameters {
+        link2_length_m: 2.0,
+        link2_mass_kg: 150.0,
+        bending_stiffness_nm2: 150.0 * 9.81 * 4.0 / 7.0,
+        gravity_m_s2: [0.0, 9.81],
+        ..PAPER
+    };
+    let upright = LoopPose {
+        t_s: 0.0,
+        angle: [0.3, -core::f64::consts::FRAC_PI_2],
+        force_n: 1.0,
+        normal_angle: 0.0,
+    };
+    let hanging = LoopPose {
+        angle: [0.3, core::f64::consts::FRAC_PI_2],
+        ..upright
+    };
+    let link = LinkKind {
+        model: LinkModel::Geometric,
+        ..LinkKind::default()
+    };
+    let spread = LoopSpread::uncalibrated(&arm, link);
+    let known = spread.standing(&arm, &[hanging, upright], 5000).unwrap();
+    let near = |[low, high]: [f64; 2], wanted: [f64; 2]| {
+        (low - wanted[0]).abs() < 1e-12 && (high - wanted[1]).abs() < 1e-12
+    };
+    assert!(near(known.mass_scale, [0.96, 1.04]), "{known:?}");
+    assert!(near(known.bending_stiffness_scale, [0.94, 1.06]), "{known:?}");
+    assert_eq!(spread.standing(&arm, &[hanging], 5000).unwrap(), spread);
+}
+
+#[test]
 fn more_friction_than_the_path_bears_is_refused_with_the_number_that_would_do() {
     let poses = paper_poses();
     let law = hub_gains();
@@ -214,7 +279,7 @@ fn more_friction_than_the_path_bears_is_refused_with_the_number_that_would_do() 
 mod found {
     use super::*;
     use flexor::control::MotionParameters;
-    use flexor::model::{ArmParameters, Elbow};
+    use flexor::model::Elbow;
     use proptest::prelude::*;
     use std::sync::OnceLock;
 
@@ -226,6 +291,7 @@ mod found {
             tick_rate_hz: plan.tick_rate_hz,
             spread,
             noise: Noise::for_plan(plan),
+            joint1_torque_nm: plan.peaks.torque[0],
             motion: MotionParameters::DEFAULT,
         };
         design(&problem, Effort::Design).unwrap()
@@ -350,6 +416,9 @@ mod found {
                 LoopSpread::uncalibrated(&arm, LinkKind::default()).with_friction_for(leverage);
             let design = designed(&arm, &plan, spread);
             assert!(design.proof.is_stable());
+            let count = core::f64::consts::TAU / 16384.0;
+            let [stiffness, _] = design.law.joint_stiffness_nm_rad;
+            assert!(stiffness * count <= 0.0301 * plan.peaks.torque[0]);
         }
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! Everything between a command and what a sensor says is in it: the drives' lag, whole ticks of
 //! delay, the elastic link with what turns at its root, the compliant contact, and friction on the
-//! surface as a force that follows the normal one (the *frozen* sliding direction). It is the bench's
+//! surface: as a force that follows the normal one (the *frozen* sliding direction), or as a spring that a
+//! tip sticks to. It is the bench's
 //! own arm ([`PressedArm`]) with dual numbers, at least four elements fine: two wrongly say that a
 //! bare root is stable.
 
@@ -14,7 +15,7 @@ use crate::model::dynamics::equilibrium;
 use crate::model::link::{LinkDamping, LinkKind, LinkModel};
 use crate::model::rest::rest;
 use crate::model::servo::Reference;
-use crate::plant::bench::{PressedArm, PressedPlane};
+use crate::plant::bench::{PressedArm, PressedPlane, Stuck};
 use crate::plant::state_of;
 use flexor::model::{ArmParameters, JointMotion, Kinematics};
 use nalgebra::{DMatrix, DVector};
@@ -44,6 +45,8 @@ pub struct LoopPlant {
     pub contact_stiffness_n_m: Option<f64>,
     /// Friction coefficient of a tip that slides, signed by its direction.
     pub friction: f64,
+    /// Whether the tip sticks to the surface instead.
+    pub stuck: bool,
     /// Corner of the drives' lag, Hz.
     pub drive_bandwidth_hz: f64,
     /// Whole ticks from command to drive, at least 1: what is computed at a tick acts at the next.
@@ -59,6 +62,9 @@ pub struct LoopPlant {
 /// Damping of the contact, N s/m, as the bench's.
 const CONTACT_DAMPING_NS_M: f64 = 5.0;
 
+/// Stiffness of what sticks along the surface, N/m, as the bench's.
+const BRISTLE_STIFFNESS_N_M: f64 = 4e3;
+
 impl LoopPlant {
     /// `arm` as planned, on a hard surface without friction, with drives of 300 Hz.
     pub fn nominal(arm: &ArmParameters) -> Self {
@@ -70,6 +76,7 @@ impl LoopPlant {
             root_inertia_kgm2: arm.root_inertia_kgm2,
             contact_stiffness_n_m: Some(2e4),
             friction: 0.0,
+            stuck: false,
             drive_bandwidth_hz: 300.0,
             delay_ticks: 1,
             elements: ELEMENTS,
@@ -234,6 +241,7 @@ impl AtRest {
                 stiffness_n_m,
                 damping_ns_m: CONTACT_DAMPING_NS_M,
                 friction: plant.friction,
+                stuck: None,
             });
         let pressed = plane.map_or([0.0; 2], |plane| {
             plane.direction().map(|d| d * pose.force_n)
@@ -245,6 +253,11 @@ impl AtRest {
         if let Some(plane) = &mut plane {
             plane.offset_m =
                 normal[0] * tip[0] + normal[1] * tip[1] - pose.force_n / plane.stiffness_n_m;
+            let tangent = plane.tangent();
+            plane.stuck = plant.stuck.then_some(Stuck {
+                stiffness_n_m: BRISTLE_STIFFNESS_N_M,
+                place_m: tangent[0] * tip[0] + tangent[1] * tip[1],
+            });
         }
         let state = state_of(pose.angle, &q, &vec![0.0; q.len()]);
         Ok(Self {

@@ -238,6 +238,7 @@ fn it_gives_its_own_linearisation() {
         stiffness_n_m: parameters.contact.stiffness_n_m,
         damping_ns_m: parameters.contact.damping_ns_m,
         friction: 0.1,
+        stuck: None,
     };
     let mut slope = vec![0.0; state.len()];
     let at = |state: &[f64], slope: &mut [f64]| {

@@ -40,7 +40,7 @@ pub use drive::{DELAY_TICKS_MAX, Drive, DriveParameters};
 pub use four_lanes::F64x4;
 pub use joint::{Cogging, GearPlay, JointFriction, JointParameters};
 pub use noise::RandomStream;
-pub use pressed::{PressedArm, PressedPlane, PressedReading};
+pub use pressed::{PressedArm, PressedPlane, PressedReading, Stuck};
 pub use runge_kutta::STEP_TIMES_EIGENVALUE;
 pub use sensors::{
     AnalogErrors, Channels, ConverterChannel, EncoderChannel, GaugeSignal, Sensed,

@@ -26,6 +26,17 @@ pub struct PressedPlane {
     /// Friction coefficient; positive where the tip's force on the surface points along
     /// [`tangent`](Self::tangent), negative against it.
     pub friction: f64,
+    /// What friction does to a tip that does not slide; `None` where it does.
+    pub stuck: Option<Stuck>,
+}
+
+/// A tip that sticks to its surface: the bristle of friction as a spring.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stuck {
+    /// Stiffness along the surface, N/m.
+    pub stiffness_n_m: f64,
+    /// Place of the tip along the plane's [`tangent`](PressedPlane::tangent) where the spring is loose, m.
+    pub place_m: f64,
 }
 
 impl PressedPlane {
@@ -91,6 +102,14 @@ impl<T: Lanes> PressedArm<T> {
             let [stiffness, damping] = [stiffness, damping].map(T::from_f64);
             force = pressing(depth, along(velocity), stiffness, damping);
             on_surface = plane.direction().map(|d| T::from_f64(d) * force);
+            if let Some(stuck) = plane.stuck {
+                let tangent = plane.tangent().map(T::from_f64);
+                let place = tangent[0] * tip[0] + tangent[1] * tip[1];
+                let off = place - T::from_f64(stuck.place_m);
+                for (force, tangent) in on_surface.iter_mut().zip(tangent) {
+                    *force += tangent * T::from_f64(stuck.stiffness_n_m) * off;
+                }
+            }
         }
         let load = Load {
             link1: torque[0] - torque[1],
