@@ -244,7 +244,10 @@ fn the_spread_is_as_wide_as_a_link_that_stands_up_by_itself_is_known() {
         (low - wanted[0]).abs() < 1e-12 && (high - wanted[1]).abs() < 1e-12
     };
     assert!(near(known.mass_scale, [0.96, 1.04]), "{known:?}");
-    assert!(near(known.bending_stiffness_scale, [0.94, 1.06]), "{known:?}");
+    assert!(
+        near(known.bending_stiffness_scale, [0.94, 1.06]),
+        "{known:?}"
+    );
     assert_eq!(spread.standing(&arm, &[hanging], 5000).unwrap(), spread);
 }
 
