@@ -14,9 +14,6 @@ use rayon::prelude::*;
 /// Factor on joint 2's torque with which every arm must be stable, a tick later.
 pub(super) const STRESS_GAIN: f64 = 1.3;
 
-/// The same for a tip that sticks to the surface, at once.
-const STUCK_GAIN: f64 = 1.05;
-
 /// Least stiffness in the air about the planned angle, as a share of `3 EI / r2`: what gains for any
 /// hub of the paper's arm have.
 const AIR_STIFFNESS: f64 = 0.75;
@@ -172,26 +169,17 @@ impl<'a> Search<'a> {
                 let friction = (1.2 * plant.friction.abs()).min(most);
                 plant.friction = friction.max(plant.friction.abs()).copysign(plant.friction);
             }
-            // A tip that sticks need not have as much to spare: where it gets loose it slides, and is held.
-            let (gain, ticks) = match (sliding, named.plant.stuck) {
-                (_, true) => (STUCK_GAIN, 0),
-                (true, _) => (1.0, 1),
-                _ => (STRESS_GAIN, 1),
-            };
+            let gain = if sliding { 1.0 } else { STRESS_GAIN };
             self.trials.push(Trial {
                 plant: SampledPlant::new(problem.arm, &plant, pose, problem.tick_rate_hz, false)?,
                 pose: *pose,
                 stress: Stress {
                     gain: [1.0, gain],
-                    ticks,
+                    ticks: 1,
                 },
                 in_the_air,
                 touches: named.plant.contact_stiffness_n_m.is_some(),
-                // What disturbs a tip that sticks is what moves it along otherwise: it has to be stable.
-                counts: !in_the_air
-                    && i == 0
-                    && !named.plant.stuck
-                    && (sliding || root == spread.root_inertia_kgm2[0]),
+                counts: !in_the_air && i == 0 && (sliding || root == spread.root_inertia_kgm2[0]),
             });
         }
         Ok(())

@@ -131,7 +131,7 @@ impl LoopSpread {
             ..self.middle(arm)
         };
         let [g1, g2] = arm.gravity_m_s2;
-        let slow = FALLS * (g1.hypot(g2) / arm.link2_length_m).sqrt();
+        let slow = FALLS * (libm::hypot(g1, g2) / arm.link2_length_m).sqrt();
         let rate = f64::from(tick_rate_hz);
         for pose in poses {
             let phi = match SampledPlant::new(arm, &plant, pose, tick_rate_hz, false) {
@@ -141,7 +141,7 @@ impl LoopSpread {
             };
             let grows = eigenvalues(phi)
                 .iter()
-                .any(|z| rate * libm::log(z.re.hypot(z.im)) > slow.max(1e-3));
+                .any(|z| rate * libm::log(libm::hypot(z.re, z.im)) > slow.max(1e-3));
             if grows {
                 return Ok(false);
             }
@@ -214,16 +214,6 @@ impl LoopSpread {
             ),
         ];
         if self.friction > 0.0 {
-            // A bent link that is held at both ends is an arch.
-            for (name, kind) in [kinds[0], kinds[1], kinds[2]] {
-                kinds.push((
-                    name,
-                    LoopPlant {
-                        stuck: true,
-                        ..kind
-                    },
-                ));
-            }
             for friction in [self.friction, -self.friction] {
                 let with_friction = LoopPlant { friction, ..middle };
                 kinds.push(("friction", with_friction));
@@ -245,7 +235,6 @@ impl LoopSpread {
         let mut all = self.in_contact(arm);
         all.retain(|named| {
             named.plant.friction == 0.0
-                && !named.plant.stuck
                 && named.plant.contact_stiffness_n_m
                     == LoopPlant::nominal(arm).contact_stiffness_n_m
         });
@@ -264,7 +253,6 @@ impl LoopSpread {
                 let slid = match plant.friction {
                     mu if mu > 0.0 => format!(" {mu} one way"),
                     mu if mu < 0.0 => format!(" {} the other way", -mu),
-                    _ if plant.stuck => " stuck to the surface".into(),
                     _ => String::new(),
                 };
                 all.push(NamedPlant {
