@@ -12,7 +12,6 @@ use crate::files::{config, export};
 use crate::model::link::LinkKind;
 use crate::planner::plan::Plan;
 use flexor::control::{HybridParameters, MotionParameters};
-use flexor::model::ArmParameters;
 use serde_json::{Map, Value, json};
 
 /// Poses of the path at which a design is made and gains are held against a scenario.
@@ -44,8 +43,14 @@ fn laid_over(base: LoopSpread, scenario: &Scenario) -> LoopSpread {
     }
 }
 
+/// How the link of `scenario`'s arms bends, where that of `plan` is meant.
+fn link_of(scenario: &Scenario, plan: &Plan) -> LinkKind {
+    scenario.middle().plant.link(plan.model.link.kind)
+}
+
 /// The arms of `scenario`: what it leaves out is as planned.
-fn arms_of(scenario: &Scenario, arm: &ArmParameters) -> LoopSpread {
+fn arms_of(scenario: &Scenario, plan: &Plan) -> LoopSpread {
+    let arm = &plan.model.arm;
     let contact = scenario.middle().compliant.contact.stiffness_n_m;
     let planned = LoopSpread {
         root_inertia_kgm2: [arm.root_inertia_kgm2; 2],
@@ -54,22 +59,27 @@ fn arms_of(scenario: &Scenario, arm: &ArmParameters) -> LoopSpread {
         damping_scale: [1.0; 2],
         contact_stiffness_n_m: [contact; 2],
         friction: 0.0,
-        ..LoopSpread::uncalibrated(arm, LinkKind::default())
+        ..LoopSpread::uncalibrated(arm, link_of(scenario, plan))
     };
     laid_over(planned, scenario)
 }
 
-/// Arms that gains are found for where `scenario` says what it says: the rest is not calibrated, and
-/// a root without inertia is one that nobody knows.
-pub(super) fn to_be_held(scenario: &Scenario, plan: &Plan) -> LoopSpread {
+/// Arms that gains are found for where `scenario` says what it says: the rest is not calibrated, but
+/// known to so much that link 2 stands by itself, and a root without inertia is one that nobody knows.
+///
+/// # Errors
+/// [`HybridError`].
+pub(super) fn to_be_held(scenario: &Scenario, plan: &Plan) -> Result<LoopSpread, HybridError> {
     let arm = &plan.model.arm;
-    let leverage = friction_leverage(&poses(plan, DESIGN_POSES));
-    let usual = LoopSpread::uncalibrated(arm, LinkKind::default()).with_friction_for(leverage);
+    let poses = poses(plan, DESIGN_POSES);
+    let usual = LoopSpread::uncalibrated(arm, link_of(scenario, plan))
+        .with_friction_for(friction_leverage(&poses))
+        .standing(arm, &poses, plan.tick_rate_hz)?;
     let mut spread = laid_over(usual, scenario);
     if spread.root_inertia_kgm2[1] == 0.0 {
         spread.root_inertia_kgm2 = LoopSpread::unknown_root_inertia(arm);
     }
-    spread
+    Ok(spread)
 }
 
 /// The text of a controller file with gains for `plan`'s arm on the arms of `scenario`, where no
@@ -78,7 +88,7 @@ pub(super) fn to_be_held(scenario: &Scenario, plan: &Plan) -> LoopSpread {
 /// # Errors
 /// [`HybridError`].
 pub(super) fn designed_text(plan: &Plan, scenario: &Scenario) -> Result<String, CliError> {
-    let spread = to_be_held(scenario, plan);
+    let spread = to_be_held(scenario, plan)?;
     let found = designed(plan, spread, Effort::Design)?;
     let how = origin(&spread, plan.tick_rate_hz);
     Ok(config::controller_toml(&found.law.into(), &how))
@@ -100,6 +110,7 @@ pub(super) fn designed(
         tick_rate_hz: plan.tick_rate_hz,
         spread,
         noise: Noise::for_plan(plan),
+        joint1_torque_nm: plan.peaks.torque[0],
         motion: MotionParameters::DEFAULT,
     };
     design(&problem, effort)
@@ -110,6 +121,10 @@ pub(super) fn origin(spread: &LoopSpread, tick_rate_hz: u32) -> Vec<String> {
     let [low, high] = spread.root_inertia_kgm2;
     vec![
         format!("Found by `flexor gains` for root inertias from {low:.3e} to {high:.3e} kg m^2,"),
+        format!(
+            "masses times {:?}, bending stiffness times {:?},",
+            spread.mass_scale, spread.bending_stiffness_scale
+        ),
         format!(
             "friction up to {}, drives of {} Hz with {} ticks of delay, {tick_rate_hz} Hz.",
             spread.friction, spread.drive_bandwidth_hz, spread.delay_ticks
@@ -128,7 +143,7 @@ pub(super) fn hold(
     law: &HybridParameters,
 ) -> Result<(Map<String, Value>, Option<String>), HybridError> {
     let arm = &plan.model.arm;
-    let spread = arms_of(scenario, arm);
+    let spread = arms_of(scenario, plan);
     let poses = poses(plan, DESIGN_POSES);
     let subject = Subject {
         arm,

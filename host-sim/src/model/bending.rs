@@ -31,24 +31,12 @@ pub(crate) trait Nodal<T> {
     fn sum(&self, order: usize, first: usize, coefficients: &[f64]) -> T;
 }
 
-/// The numbers themselves.
+/// The numbers themselves: the unknowns, their rates, their accelerations, of which `N` are given and
+/// the others are zero.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Given<'a, T>(pub(crate) [&'a [T]; 3]);
+pub(crate) struct Given<'a, T, const N: usize>(pub(crate) [&'a [T]; N]);
 
-impl<T: Real> Nodal<T> for Given<'_, T> {
-    #[inline]
-    fn sum(&self, order: usize, first: usize, coefficients: &[f64]) -> T {
-        let unknowns = &self.0[order][first..first + coefficients.len()];
-        let terms = coefficients.iter().zip(unknowns);
-        terms.fold(T::ZERO, |sum, (c, x)| sum + x.scaled(*c))
-    }
-}
-
-/// The unknowns and their rates, for what a motion takes without accelerations.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Moving<'a, T>(pub(crate) [&'a [T]; 2]);
-
-impl<T: Real> Nodal<T> for Moving<'_, T> {
+impl<T: Real, const N: usize> Nodal<T> for Given<'_, T, N> {
     #[inline]
     fn sum(&self, order: usize, first: usize, coefficients: &[f64]) -> T {
         let Some(numbers) = self.0.get(order) else {

@@ -9,7 +9,7 @@
 //! joint 2. `h` is what the motion takes without accelerations.
 
 use crate::model::arm_model::{ArmModel, NodalBeam};
-use crate::model::bending::{Bent, Moving};
+use crate::model::bending::{Bent, Given};
 use crate::model::configuration::{Configuration, State, Surface};
 use crate::model::link::{Link, LinkModel, with_points};
 use crate::model::link_dynamics::required_into;
@@ -80,7 +80,7 @@ impl<T: Real> BentArm<T> {
             }
         }
         let [w, w_t] = &self.nodal;
-        self.bent.bend(&model.link, &Moving([w, w_t]));
+        self.bent.bend(&model.link, &Given([w, w_t]));
     }
 
     /// The chord's length (m) and its rate, and the angle of link 2's root against it (rad) and its rate,

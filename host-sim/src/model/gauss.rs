@@ -99,3 +99,38 @@ impl Method {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Largest error of the integrals of 1, x, ... x^(2 N - 1) over the unit interval.
+    fn error<const N: usize>(c: [f64; N]) -> f64 {
+        let (_, whole) = weights(c);
+        let errors = (0..2 * N as i32).map(|degree| {
+            let sum: f64 = c.iter().zip(whole).map(|(x, w)| w * x.powi(degree)).sum();
+            (sum - 1.0 / f64::from(degree + 1)).abs()
+        });
+        errors.fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn points_integrate_what_gauss_says() {
+        let (six, four) = (error(ABSCISSAS), error(FOUR_ABSCISSAS));
+        // Ascending coefficients of the six cancel two digits.
+        assert!(six < 1e-13 && four < 1e-14, "{six:e} {four:e}");
+    }
+
+    #[test]
+    fn weights_to_a_point_integrate_to_it() {
+        let (partial, _) = weights(FOUR_ABSCISSAS);
+        for (to, weights) in FOUR_ABSCISSAS.into_iter().zip(partial) {
+            let sum: f64 = FOUR_ABSCISSAS
+                .iter()
+                .zip(weights)
+                .map(|(x, w)| w * x * x)
+                .sum();
+            assert!((sum - to * to * to / 3.0).abs() < 1e-15);
+        }
+    }
+}

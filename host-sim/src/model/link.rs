@@ -19,13 +19,13 @@ use nalgebra::DMatrix;
 pub(crate) const POINTS_MAX: usize = STAGES;
 
 /// Those of the linear model, and of whatever has to be fast.
-const POINTS_FEW: usize = FOUR_ABSCISSAS.len();
+pub(crate) const POINTS_FEW: usize = FOUR_ABSCISSAS.len();
 
 /// Evaluates `$body` with the constant `$points` set to the number of Gauss points of an element of `$link`.
 macro_rules! with_points {
     ($link:expr, $points:ident => $body:expr) => {
-        if $link.points == 4 {
-            const $points: usize = 4;
+        if $link.points == $crate::model::link::POINTS_FEW {
+            const $points: usize = $crate::model::link::POINTS_FEW;
             $body
         } else {
             const $points: usize = $crate::model::link::POINTS_MAX;
@@ -129,7 +129,7 @@ impl Section {
 pub struct Link {
     /// Which equations.
     pub kind: LinkKind,
-    /// Gauss points of an element: 4 or [`POINTS_MAX`].
+    /// Gauss points of an element: [`POINTS_FEW`] or [`POINTS_MAX`].
     pub(crate) points: usize,
     /// Their shape functions, element by element from joint 2 on.
     pub(crate) sections: Vec<Section>,

@@ -187,11 +187,10 @@ fn the_examples_gains_hold_what_they_are_for_and_no_more() {
 #[test]
 fn a_bent_link_that_sticks_to_the_surface_is_an_arch_that_gains_for_a_sliding_one_do_not_hold() {
     // Its chord cannot shorten, which the linear model's does not anyway.
-    let hub = HybridParameters::PAPER_ARM_HUB;
     let poses = paper_poses();
     let subject = Subject {
         arm: &PAPER,
-        law: &hub,
+        law: &HybridParameters::PAPER_ARM_HUB,
         poses: &poses,
         tick_rate_hz: 5000,
     };
@@ -202,7 +201,7 @@ fn a_bent_link_that_sticks_to_the_surface_is_an_arch_that_gains_for_a_sliding_on
                 ..LinkKind::default()
             },
             stuck,
-            ..self::hub(1e-4)
+            ..hub(1e-4)
         };
         let (pole, _) = subject.slowest(&plant).unwrap();
         pole.re
@@ -294,6 +293,7 @@ mod found {
             tick_rate_hz: plan.tick_rate_hz,
             spread,
             noise: Noise::for_plan(plan),
+            joint1_torque_nm: plan.peaks.torque[0],
             motion: MotionParameters::DEFAULT,
         };
         design(&problem, Effort::Design).unwrap()
@@ -418,6 +418,9 @@ mod found {
                 LoopSpread::uncalibrated(&arm, LinkKind::default()).with_friction_for(leverage);
             let design = designed(&arm, &plan, spread);
             assert!(design.proof.is_stable());
+            let count = core::f64::consts::TAU / 16384.0;
+            let [stiffness, _] = design.law.joint_stiffness_nm_rad;
+            assert!(stiffness * count <= 0.0301 * plan.peaks.torque[0]);
         }
     }
 }

@@ -21,6 +21,8 @@ pub struct Problem<'a> {
     pub spread: LoopSpread,
     /// What disturbs them.
     pub noise: Noise,
+    /// Largest planned torque of joint 1, N m: what its drive has to give at the least.
+    pub joint1_torque_nm: f64,
     /// Thresholds of the motion around the law.
     pub motion: MotionParameters,
 }

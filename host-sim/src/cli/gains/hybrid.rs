@@ -42,7 +42,7 @@ impl PlantArgs {
         }
         let (file, default) = (self.controller.as_deref(), config::DEFAULT_CONTROLLER);
         let bench = self.scenario.prepare(&self.common, file, default)?;
-        let mut spread = to_be_held(&bench.config.scenario, &bench.planned.plan);
+        let mut spread = to_be_held(&bench.config.scenario, &bench.planned.plan)?;
         if let [low, high] = self.root_inertia_kgm2[..] {
             if !(low >= 0.0 && high >= low && high <= 1e3) {
                 return Err(CliError::RootInertia { low, high });
@@ -468,6 +468,11 @@ fn proof_json(proof: &Proof, spread: &LoopSpread) -> Map<String, Value> {
         ("delay_margin_ticks", json!(ticks)),
         ("root_inertia_kgm2", json!(spread.root_inertia_kgm2)),
         ("stable_root_inertia_kgm2", json!(proof.root_inertia_kgm2)),
+        ("mass_scale", json!(spread.mass_scale)),
+        (
+            "bending_stiffness_scale",
+            json!(spread.bending_stiffness_scale),
+        ),
         ("friction", json!(spread.friction)),
         ("drive_bandwidth_Hz", json!(spread.drive_bandwidth_hz)),
         ("delay_ticks", json!(spread.delay_ticks)),
@@ -483,7 +488,9 @@ fn proof_facts(proof: &Proof, spread: &LoopSpread) -> Vec<(String, String)> {
         (
             "arms".to_string(),
             format!(
-                "{count} at the spread's ends: root {low:.2e} to {high:.2e} kg m^2, friction {}, contact {:?} N/m, drives {} Hz and {} ticks",
+                "{count} at the spread's ends: root {low:.2e} to {high:.2e} kg m^2, masses times {:?}, stiffness times {:?}, friction {}, contact {:?} N/m, drives {} Hz and {} ticks",
+                spread.mass_scale,
+                spread.bending_stiffness_scale,
                 spread.friction,
                 spread.contact_stiffness_n_m,
                 spread.drive_bandwidth_hz,
