@@ -64,22 +64,18 @@ fn arms_of(scenario: &Scenario, plan: &Plan) -> LoopSpread {
     laid_over(planned, scenario)
 }
 
-/// Arms that gains are found for where `scenario` says what it says: the rest is not calibrated, but
-/// known to so much that link 2 stands by itself, and a root without inertia is one that nobody knows.
-///
-/// # Errors
-/// [`HybridError`].
-pub(super) fn to_be_held(scenario: &Scenario, plan: &Plan) -> Result<LoopSpread, HybridError> {
+/// Arms that gains are found for where `scenario` says what it says: the rest is not calibrated, and
+/// a root without inertia is one that nobody knows.
+pub(super) fn to_be_held(scenario: &Scenario, plan: &Plan) -> LoopSpread {
     let arm = &plan.model.arm;
     let poses = poses(plan, DESIGN_POSES);
     let usual = LoopSpread::uncalibrated(arm, link_of(scenario, plan))
-        .with_friction_for(friction_leverage(&poses))
-        .standing(arm, &poses, plan.tick_rate_hz)?;
+        .with_friction_for(friction_leverage(&poses));
     let mut spread = laid_over(usual, scenario);
     if spread.root_inertia_kgm2[1] == 0.0 {
         spread.root_inertia_kgm2 = LoopSpread::unknown_root_inertia(arm);
     }
-    Ok(spread)
+    spread
 }
 
 /// The text of a controller file with gains for `plan`'s arm on the arms of `scenario`, where no
@@ -88,7 +84,7 @@ pub(super) fn to_be_held(scenario: &Scenario, plan: &Plan) -> Result<LoopSpread,
 /// # Errors
 /// [`HybridError`].
 pub(super) fn designed_text(plan: &Plan, scenario: &Scenario) -> Result<String, CliError> {
-    let spread = to_be_held(scenario, plan)?;
+    let spread = to_be_held(scenario, plan);
     let found = designed(plan, spread, Effort::Design)?;
     let how = origin(&spread, plan.tick_rate_hz);
     Ok(config::controller_toml(&found.law.into(), &how))

@@ -1,8 +1,6 @@
 //! Which arms gains must hold.
 
-use super::HybridError;
-use super::plant::{LoopPlant, LoopPose, SampledPlant};
-use crate::analysis::stability::eigenvalues;
+use super::plant::LoopPlant;
 use crate::model::link::LinkKind;
 use flexor::model::ArmParameters;
 
@@ -78,75 +76,6 @@ impl LoopSpread {
             friction: self.friction.min(accepted),
             ..self
         }
-    }
-
-    /// The same with masses and bending stiffness only as far off as link 2 stands in the air by itself, its
-    /// root held at `poses`. A slender link that points upwards falls over by its own weight, and nothing
-    /// that is measured at its root tells in time.
-    ///
-    /// # Errors
-    /// [`HybridError`].
-    pub fn standing(
-        self,
-        arm: &ArmParameters,
-        poses: &[LoopPose],
-        tick_rate_hz: u32,
-    ) -> Result<Self, HybridError> {
-        let narrowed = |share: f64| {
-            let near = |[low, high]: [f64; 2]| [low, high].map(|x| 1.0 + share * (x - 1.0));
-            Self {
-                bending_stiffness_scale: near(self.bending_stiffness_scale),
-                mass_scale: near(self.mass_scale),
-                ..self
-            }
-        };
-        for share in [1.0, 0.8, 0.6, 0.4, 0.2] {
-            let spread = narrowed(share);
-            if spread.stands(arm, poses, tick_rate_hz)? {
-                return Ok(spread);
-            }
-        }
-        Ok(narrowed(0.0))
-    }
-
-    /// Whether the softest and heaviest link stands by itself.
-    fn stands(
-        &self,
-        arm: &ArmParameters,
-        poses: &[LoopPose],
-        tick_rate_hz: u32,
-    ) -> Result<bool, HybridError> {
-        /// A hub that the link's weight does not turn, in its inertia.
-        const HELD: f64 = 1e6;
-        /// What counts as falling, as a share of how fast a rigid link falls over.
-        const FALLS: f64 = 0.05;
-        let mass = arm.link2_mass_kg + arm.tip_mass_kg;
-        let plant = LoopPlant {
-            bending_stiffness_scale: self.bending_stiffness_scale[0],
-            link2_mass_scale: self.mass_scale[1],
-            // Modal damping is of modes in which such a hub moves, and holds the link.
-            damping_scale: 0.0,
-            root_inertia_kgm2: HELD * mass * arm.link2_length_m * arm.link2_length_m,
-            contact_stiffness_n_m: None,
-            ..self.middle(arm)
-        };
-        let [g1, g2] = arm.gravity_m_s2;
-        let slow = FALLS * (libm::hypot(g1, g2) / arm.link2_length_m).sqrt();
-        let rate = f64::from(tick_rate_hz);
-        for pose in poses {
-            let phi = match SampledPlant::new(arm, &plant, pose, tick_rate_hz, false) {
-                Ok(plant) => plant.phi,
-                Err(HybridError::Buckled { .. }) => return Ok(false),
-                Err(other) => return Err(other),
-            };
-            let grows = eigenvalues(phi)
-                .iter()
-                .any(|z| rate * libm::log(libm::hypot(z.re, z.im)) > slow.max(1e-3));
-            if grows {
-                return Ok(false);
-            }
-        }
-        Ok(true)
     }
 
     /// From a bare root to a heavy hub, kg m^2.

@@ -42,7 +42,7 @@ impl PlantArgs {
         }
         let (file, default) = (self.controller.as_deref(), config::DEFAULT_CONTROLLER);
         let bench = self.scenario.prepare(&self.common, file, default)?;
-        let mut spread = to_be_held(&bench.config.scenario, &bench.planned.plan)?;
+        let mut spread = to_be_held(&bench.config.scenario, &bench.planned.plan);
         if let [low, high] = self.root_inertia_kgm2[..] {
             if !(low >= 0.0 && high >= low && high <= 1e3) {
                 return Err(CliError::RootInertia { low, high });
